@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import importlib.util
 import re
-import shutil
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
-import pytest_asyncio
 
 from robotouille.episode import Phase
 from robotouille.errors import ProtocolError
@@ -26,25 +23,13 @@ from robotouille_server.auth import Role, RoleGrant
 from robotouille_server.health import Disk
 from robotouille_server.operator import operator_view
 from robotouille_server.rooms.room import Room
+from tests.operator.visits import DESKTOP, browser_page
 from tests.support.machines import Machine
 from tests.support.operator import Api, viewing
+from tests.web.visits import BROWSER_TEST, PHONE, expect
 
-if importlib.util.find_spec("playwright") is None:
-    pytest.skip("needs playwright: pip install playwright", allow_module_level=True)
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-pytestmark = [
-    pytest.mark.asyncio(loop_scope="module"),
-    pytest.mark.browser,
-    pytest.mark.process,
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt install chromium"),
-]
+pytestmark = BROWSER_TEST
 
-FLAGS = [
-    "--no-sandbox", "--headless", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-]  # fmt: skip
-DESKTOP, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
 TASK = "multi_agent/10@2"
 PATIENCE = 30
 """Seconds after which a test that waits for the browser or a bot fails."""
@@ -104,42 +89,6 @@ async def live_game(
         for task in playing:
             task.cancel()
         await asyncio.gather(*playing, return_exceptions=True)
-
-
-@pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def browser() -> AsyncIterator[Any]:
-    """Start one browser for all tests. Each test opens its own context in it."""
-    from playwright import async_api as playwright
-
-    async with playwright.async_playwright() as driver:
-        started = await driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield started
-        await started.close()
-
-
-@asynccontextmanager
-async def browser_page(
-    browser: Any, url: str, size: dict[str, int] = DESKTOP, allow: str = "nothing"
-) -> AsyncIterator[Any]:
-    """Open the page. Errors of the browser fail the test, unless they contain `allow`."""
-    errors: list[str] = []
-    page = await browser.new_page(viewport=size)
-    try:
-        page.set_default_timeout(PATIENCE * 1000)
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        page.on("console", lambda line: errors.append(line.text) if line.type == "error" else None)
-        await page.goto(url)
-        yield page
-    finally:
-        await page.close()
-    assert [line for line in errors if allow not in line] == []
-
-
-def expect(locator: Any) -> Any:
-    from playwright import async_api as playwright
-
-    playwright.expect.set_options(timeout=PATIENCE * 1000)
-    return playwright.expect(locator)
 
 
 async def watch(page: Any, room: Room) -> Any:

@@ -6,9 +6,17 @@ from pathlib import Path
 from typing import Any
 
 from robotouille.protocol import messages
-from tests.support.node import libraries
 from tests.support.servers import serving
-from tests.web.visits import BROWSER_TEST, DESKTOP, expect, get_ready, link, playing, visiting
+from tests.web.visits import (
+    BROWSER_TEST,
+    DESKTOP,
+    axe_faults,
+    expect,
+    get_ready,
+    link,
+    playing,
+    visiting,
+)
 
 pytestmark = BROWSER_TEST
 
@@ -18,10 +26,6 @@ ZOOMED, NARROW = {"width": 640, "height": 360}, {"width": 360, "height": 740}
 """A window of 1280 × 720 at 200 %, and a small phone."""
 STILL: dict[str, Any] = {"reduced_motion": "reduce"}
 """Options without animations: a card that appears has less contrast for a moment."""
-CHECK = """async () => {
-  const { violations } = await axe.run(document, { resultTypes: ["violations"] });
-  return violations.map(({ id, impact, nodes }) => [impact, id, nodes.map(({ html }) => html)]);
-}"""
 CUT = """() => {
   const scrolls = (each) => each.closest("#choices, .unseen, #actions h2, #bubbles, dialog");
   const seen = [...document.querySelectorAll("body *")].filter((each) => !scrolls(each));
@@ -39,8 +43,7 @@ CUT = """() => {
 
 
 async def assert_usable(page: Any) -> None:
-    await page.evaluate((libraries(Path(__file__).parent) / "axe-core/axe.min.js").read_text())
-    assert await page.evaluate(CHECK) == []
+    assert await axe_faults(page) == []
     for size in (ZOOMED, NARROW, DESKTOP):
         await page.set_viewport_size(size)
         assert await page.evaluate(CUT) == [], size

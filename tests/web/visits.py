@@ -7,13 +7,16 @@ import re
 import shutil
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.support.node import libraries
+
 __all__ = [
-    "BROWSER_TEST", "DESKTOP", "PATIENCE", "PHONE", "expect", "get_ready", "launched", "link",
-    "playing", "visiting",
+    "BROWSER_TEST", "DESKTOP", "PATIENCE", "PHONE", "axe_faults", "expect", "get_ready", "launched",
+    "link", "playing", "visiting",
 ]  # fmt: skip
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -21,6 +24,10 @@ FLAGS = ["--no-sandbox", "--headless", "--disable-gpu", "--disable-quic", "--no-
 DESKTOP, PHONE = {"width": 1280, "height": 720}, {"width": 390, "height": 844}
 PATIENCE = 20_000
 """Milliseconds after which a test that waits for the browser fails."""
+CHECK = """async () => {
+  const { violations } = await axe.run(document, { resultTypes: ["violations"] });
+  return violations.map(({ id, impact, nodes }) => [impact, id, nodes.map(({ html }) => html)]);
+}"""
 NOT_BEGUN = re.compile("Waiting|Connecting")
 HAS_DRIVER = importlib.util.find_spec("playwright") is not None
 BROWSER_TEST = [
@@ -50,6 +57,13 @@ def expect(locator: Any) -> Any:
     from playwright import async_api as playwright
 
     return playwright.expect(locator)
+
+
+async def axe_faults(page: Any) -> list[Any]:
+    """Return the accessibility faults that axe finds on a page: impact, rule and elements."""
+    await page.evaluate((libraries(Path(__file__).parent) / "axe-core/axe.min.js").read_text())
+    found: list[Any] = await page.evaluate(CHECK)
+    return found
 
 
 def link(port: int, fragment: str, path: str = "play") -> str:

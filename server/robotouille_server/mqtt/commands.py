@@ -16,9 +16,9 @@ from robotouille_server.app import Server
 from robotouille_server.auth import Role, RoleGrant, check_opening, check_scope
 from robotouille_server.mqtt import messages as mqtt
 from robotouille_server.mqtt.limits import CommandLimits
-from robotouille_server.mqtt.messages import Command, CommandError, CommandReply, OpenedEpisode
+from robotouille_server.mqtt.messages import Command, CommandReply
 from robotouille_server.mqtt.stream import Watch, Watches
-from robotouille_server.operator.models import Done
+from robotouille_server.operator.models import Done, OpenedEpisode, Problem
 from robotouille_server.operator.other_nodes import EpisodeElsewhereError
 from robotouille_server.operator.principal import Principal, RequestRefusedError
 from robotouille_server.operator.service import OperatorService
@@ -259,6 +259,5 @@ def _text(labels: Mapping[str, str]) -> str:
 
 
 def _refusal(ref: str, refused: ProtocolError | RequestRefusedError) -> CommandReply:
-    field = getattr(refused, "field", "")
-    error = CommandError(code=refused.code, message=refused.message[:1000], field=field)
+    error = Problem(code=refused.code, message=refused.message[:1000], field=refused.field)
     return CommandReply(ref=ref, ok=False, error=error)

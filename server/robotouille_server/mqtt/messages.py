@@ -11,13 +11,16 @@ from robotouille.protocol import messages
 from robotouille.protocol.codec import MAX_CLIENT_BYTES
 from robotouille.protocol.message_parts import Identifier, Labels, Position, Token
 from robotouille_server.auth import Role
-from robotouille_server.operator.models import Problem, ResponseModel
+from robotouille_server.operator.models import (
+    MAX_OPENED,
+    OpenedEpisode,
+    Problem,
+    ResponseModel,
+)
 
 ROOT = "robotouille/v1"
 """First levels of all topics; the number is the version of the payloads."""
 MAX_TOPIC = 200
-MAX_OPENED = 100
-"""Maximum number of episodes that one command opens."""
 MAX_WATCH_SECONDS = 86_400.0
 MAX_PACKET_BYTES = MAX_CLIENT_BYTES + 16 * 1024
 """Largest packet that the broker may deliver: a command, its topic and its properties."""
@@ -110,23 +113,6 @@ class EpisodeSteps(ResponseModel):
     dropped: int = Field(0, description="Number of dropped steps before these.")
 
 
-class OpenedEpisode(ResponseModel):
-    """Episode that a command opened."""
-
-    episode: str = Field(description="Id of the episode.")
-    code: str = Field(description="Code for joining.")
-    tokens: dict[str, str] = Field({}, description="Seat tokens by player, if requested.")
-    links: dict[str, str] = Field(
-        {}, description="Personal links by player, if tokens were requested."
-    )
-
-
-class CommandError(Problem):
-    """Reason why a command was refused."""
-
-    field: str = Field("", description="The invalid field.")
-
-
 class CommandReply(ResponseModel):
     """Reply to a command."""
 
@@ -143,7 +129,7 @@ class CommandReply(ResponseModel):
     )
     episodes: list[messages.EpisodeInfo] = Field([], description="With `list`: up to 500 episodes.")
     total: int = Field(0, description="With `list`: the number of matching episodes.")
-    error: CommandError | None = None
+    error: Problem | None = None
 
 
 class Command(messages.Message):

@@ -26,9 +26,12 @@ from robotouille_server.operator.models import (
     KickRequest,
     MuteRequest,
     NoRequest,
+    OpenedEpisodes,
+    OpenRequest,
     Overview,
     Problem,
     RecordingPage,
+    TaskList,
 )
 from robotouille_server.operator.other_nodes import EpisodeElsewhereError, OtherNodes, OverviewQuery
 from robotouille_server.operator.principal import Principal, RequestRefusedError
@@ -173,6 +176,19 @@ async def overview_events(
     return _events(streams.events(read, OVERVIEW_SECONDS, principal))
 
 
+@router.get("/tasks", summary="List the tasks of episodes that the server can open")
+async def tasks(service: TheService) -> TaskList:
+    return await service.tasks()
+
+
+@router.post("/episodes", summary="Open episodes with the same options")
+async def open_episodes(
+    service: TheService, principal: ThePrincipal, rates: TheRates, request: OpenRequest
+) -> OpenedEpisodes:
+    rates.charge(principal.token_subject, request.count)
+    return await service.open(request)
+
+
 @router.get("/episodes/{episode}", summary="Return one episode: state, recent events, spectators")
 async def episode(service: TheService, episode: str) -> EpisodeDetail:
     return await service.watch(episode).detail()
@@ -274,7 +290,7 @@ async def _refused(request: Request, error: Exception) -> Response:
     if request.method not in SAFE or error.status is HTTPStatus.FORBIDDEN:
         what = request.scope["route"].name.replace("_", " ")
         service.refused(what, request.path_params.get("episode", ""), error.code)
-    refusal = _problem(error.status, error.code, error.message)
+    refusal = _problem(error.status, error.code, error.message, error.field)
     if error.retry_seconds is not None:
         refusal.headers["retry-after"] = str(error.retry_seconds)
     return refusal
@@ -300,7 +316,7 @@ async def _invalid(request: Request, error: Exception) -> Response:
     fault = error.errors()[0]
     where = ".".join(str(part) for part in fault["loc"][1:])
     message = f"invalid {where or 'body'}: {fault['msg']}"
-    return _problem(HTTPStatus.BAD_REQUEST, "request/invalid", message)
+    return _problem(HTTPStatus.BAD_REQUEST, "request/invalid", message, where)
 
 
 async def _no_such_path(request: Request, error: Exception) -> Response:
@@ -322,8 +338,9 @@ async def _failed(request: Request, error: Exception) -> Response:
     return _problem(HTTPStatus.INTERNAL_SERVER_ERROR, "operator/internal", message)
 
 
-def _problem(status: HTTPStatus, code: str, message: str) -> Response:
-    return JSONResponse(Problem(code=code, message=message).model_dump(), status)
+def _problem(status: HTTPStatus, code: str, message: str, field: str = "") -> Response:
+    problem = Problem(code=code, message=message, field=field)
+    return JSONResponse(problem.model_dump(exclude_defaults=True), status)
 
 
 class OperatorApi(FastAPI):

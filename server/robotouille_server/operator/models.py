@@ -6,8 +6,12 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
+from robotouille.protocol import messages
+
 RANKS = 8
 """Ranks of episodes in the overview: with and without a problem, in each phase."""
+MAX_OPENED = 100
+"""Episodes that one request opens."""
 
 
 class ResponseModel(BaseModel):
@@ -21,6 +25,7 @@ class Problem(ResponseModel):
 
     code: str = Field(description="A stable code.")
     message: str = Field(description="Text for people. It may change between releases.")
+    field: str = Field("", description="The invalid field of the request, or empty.")
 
 
 class Rates(ResponseModel):
@@ -199,6 +204,7 @@ class ServerInfo(ResponseModel):
         False, description="True after SIGTERM, while running episodes may still end."
     )
     only: str = Field(description="The only episode that your token allows; empty for all.")
+    page: str = Field("", description="Address of the page for browsers; empty if it is off.")
 
 
 class NodeRow(ResponseModel):
@@ -261,6 +267,41 @@ class RecordingPage(ResponseModel):
     recordings: list[RecordingRow]
 
 
+class TaskRow(ResponseModel):
+    """Task of an episode that the server can open."""
+
+    name: str
+    seats: list[int] = Field(description="Possible numbers of seats, the usual one first.")
+    shift: bool = Field(description="True for a shift, in which guests order dishes.")
+
+
+class TaskList(ResponseModel):
+    """Tasks of the server, and skills of bots."""
+
+    tasks: list[TaskRow]
+    skills: list[str] = Field(description="Skills of planner bots, from low to high.")
+
+
+class OpenedEpisode(ResponseModel):
+    """Episode that a request or a command opened."""
+
+    episode: str = Field(description="Id of the episode.")
+    code: str = Field(description="Code for joining.")
+    tokens: dict[str, str] = Field({}, description="Seat tokens by player, if requested.")
+    links: dict[str, str] = Field(
+        {}, description="Personal links by player, if tokens were requested."
+    )
+
+
+class OpenedEpisodes(ResponseModel):
+    """Answer to a request to open episodes."""
+
+    opened: list[OpenedEpisode]
+    problem: Problem | None = Field(
+        None, description="Reason why the server did not open the others; null if it opened all."
+    )
+
+
 class Done(ResponseModel):
     """Confirmation of a change."""
 
@@ -280,6 +321,13 @@ Reason = Annotated[str, StringConstraints(strip_whitespace=True, max_length=200)
 
 class NoRequest(Request):
     """Empty body: `{}`."""
+
+
+class OpenRequest(Request):
+    """Body of a request to open several episodes with the same options."""
+
+    count: Annotated[int, Field(ge=1, le=MAX_OPENED)] = 1
+    create: messages.Create = messages.Create()
 
 
 class EndRequest(Request):

@@ -43,15 +43,22 @@ class RequestRefusedError(RobotouilleError):
     Attributes:
         code: One of CODES, or the code of an invalid token.
         retry_seconds: Seconds after which the request may succeed; None if that is unknown.
+        field: The invalid field of the request, or empty.
     """
 
     def __init__(
-        self, status: HTTPStatus, code: str, message: str, retry_seconds: int | None = None
+        self,
+        status: HTTPStatus,
+        code: str,
+        message: str,
+        retry_seconds: int | None = None,
+        field: str = "",
     ) -> None:
         self.status = status
         self.code = code
         self.message = message
         self.retry_seconds = retry_seconds
+        self.field = field
         super().__init__(f"{code}: {message}")
 
 

@@ -12,6 +12,7 @@ from operator import itemgetter
 from robotouille.episode import Phase
 from robotouille.errors import ProtocolError
 from robotouille.installation import VERSION
+from robotouille.planning.policies.skill import SKILLS
 from robotouille.replay.file_names import CLOSED
 from robotouille_server.app import Server
 from robotouille_server.operator.forwarding import MAX_ANSWER_BYTES, too_large
@@ -25,12 +26,16 @@ from robotouille_server.operator.models import (
     EpisodeDetail,
     EpisodeRow,
     NodeOverview,
+    OpenedEpisodes,
+    OpenRequest,
     Overview,
     RecordingFault,
     RecordingPage,
     ServerInfo,
+    TaskList,
     Totals,
 )
+from robotouille_server.operator.opening import open_episodes, task_rows
 from robotouille_server.operator.other_nodes import (
     EpisodeElsewhereError,
     OtherNodes,
@@ -136,6 +141,7 @@ class OperatorService:
                 uptime=round(self._now() - self._opened, 1),
                 draining=self._server.lobby.draining,
                 only=self._principal.only_episode,
+                page=self._server.listener.page_url,
             ),
             totals=self._totals(phases),
             alerts=self._alerts(),
@@ -282,6 +288,22 @@ class OperatorService:
             )
             for name, reason in unrestored[:MAX_UNRESTORED]
         ]
+
+    async def tasks(self) -> TaskList:
+        """Return the tasks of episodes that the principal may open."""
+        self._principal.require_episode()
+        rows = await self._jobs.run(task_rows, self._server.lobby.tasks)
+        return TaskList(tasks=rows, skills=list(SKILLS))
+
+    async def open(self, request: OpenRequest) -> OpenedEpisodes:
+        """Open episodes, which belong to the subject of the principal's token."""
+        self._principal.require_episode()
+        owner = self._principal.token_subject or ""
+        answer = await open_episodes(self._server, self.turns, request, owner)
+        for each in answer.opened:
+            self._note("open episodes", each.episode)
+        get_logger().info("operator: open episodes", count=len(answer.opened))
+        return answer
 
     def pause(self, name: str) -> Done:
         """Pause an episode until `resume`."""

@@ -8,10 +8,11 @@ let token = sessionStorage.getItem(KEY) ?? "";
 let asking = null;
 
 export class Refused extends Error {
-  constructor(status, code, message) {
+  constructor(status, { code, message, field = "" }) {
     super(message);
     this.status = status;
     this.code = code;
+    this.field = field;
   }
 }
 
@@ -23,7 +24,7 @@ async function send(path, options = {}) {
     const response = await fetch(path, { ...options, headers, cache: "no-store" });
     if (response.ok) return response;
     const problem = await response.json().catch(() => ({ code: "", message: response.statusText }));
-    if (response.status !== 401) throw new Refused(response.status, problem.code, problem.message);
+    if (response.status !== 401) throw new Refused(response.status, problem);
     if (token === used) await renewToken(used ? problem.message : "");
   }
 }
@@ -93,8 +94,7 @@ async function readEvents(body, received) {
       const event = text.slice(0, end);
       if (event.startsWith("data: ")) received(JSON.parse(event.slice(6)));
       if (event.startsWith(REFUSED)) {
-        const { code, message } = JSON.parse(event.slice(REFUSED.length));
-        throw new Refused(0, code, message);
+        throw new Refused(0, JSON.parse(event.slice(REFUSED.length)));
       }
     }
   }

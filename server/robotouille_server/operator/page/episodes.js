@@ -30,7 +30,7 @@ export function phaseBadge() {
 
 export function heading() {
   const code = h("span", { class: "code" });
-  const title = h("h3");
+  const title = h("h2", { class: "task" });
   const about = h("p", { class: "about" });
   return {
     code, title, about,
@@ -161,7 +161,7 @@ export class Episodes {
   update({ episodes }, filtered) {
     this.rows.update(episodes);
     this.empty.hidden = episodes.length > 0;
-    setText(this.empty, filtered ? "No episode matches." : "No episodes yet. Start one with robotouille-client --create TASK.");
+    setText(this.empty, filtered ? "No episode matches." : "No episodes yet.");
   }
 
   mark(episode) {

@@ -5,6 +5,7 @@ import { follow, get } from "./api.js";
 import { setText } from "./dom.js";
 import { Episodes } from "./episodes.js";
 import { Nodes } from "./nodes.js";
+import { openEpisodes } from "./open.js";
 import { Recordings } from "./recordings.js";
 import { Totals } from "./totals.js";
 import { Watch } from "./watch.js";
@@ -13,7 +14,7 @@ const $ = (id) => document.getElementById(id);
 const PAGE = 50;
 const RECORDINGS_EVERY = 3000;
 
-const view = { tab: "episodes", search: "", phase: "", offset: 0, found: 0 };
+const view = { tab: "episodes", search: "", phase: "", offset: 0, found: 0, server: null };
 
 const watch = new Watch($("watch"), (episode) => {
   document.body.classList.toggle("watching", Boolean(episode));
@@ -47,7 +48,8 @@ function followOverview() {
     received: (overview) => {
       totals.update(overview);
       nodes.update(overview);
-      $("announce").hidden = Boolean(overview.server.only);
+      view.server = overview.server;
+      $("announce").hidden = $("open").hidden = Boolean(overview.server.only);
       const counts = overview.totals.episodes;
       setText($("count-episodes"), counts.running + counts.paused + counts.waiting + counts.ended);
       if (view.tab !== "episodes") return;
@@ -105,6 +107,7 @@ $("tab-recordings").addEventListener("click", () => showList({ tab: "recordings"
 $("previous").addEventListener("click", () => showList({ offset: Math.max(0, view.offset - PAGE) }));
 $("next").addEventListener("click", () => showList({ offset: view.offset + PAGE }));
 $("announce").addEventListener("click", announceToAll);
+$("open").addEventListener("click", () => openEpisodes(view.server));
 addEventListener("keydown", (event) => {
   if (event.key === "Escape" && !document.querySelector("dialog[open]")) show("");
 });

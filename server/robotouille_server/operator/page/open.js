@@ -1,0 +1,252 @@
+// The form that opens episodes, and the table of their links.
+
+import { Refused, get, post } from "./api.js";
+import { ask, toast } from "./dialogs.js";
+import { button, h, setAttribute, setText } from "./dom.js";
+import { asCSV, linkRows } from "./links.js";
+
+const PAGE = "robotouille-operator-page";
+const DAY = 86_400;
+const CLOCKS = [["realtime", "real time"], ["lockstep", "lockstep: a step when all have decided"], ["turn", "turns"]];
+const ABSENCES = [["", "as the server is set"], ["wait", "wait: the game goes on without them"], ["pause", "pause the game"], ["bot", "a substitute plays"], ["end", "end the game"]];
+const OPEN_FOR = [[3600, "an hour"], [DAY, "a day"], [7 * DAY, "7 days"], [30 * DAY, "30 days"]];
+
+// Address of the page for participants. Behind a proxy, only the operator knows it.
+export const pageAddress = (server) => localStorage.getItem(PAGE) || server.page;
+
+let fields = 0;
+
+function select(options, chosen) {
+  return h("select", {}, ...options.map(([value, words]) => h("option", { value, selected: value === chosen }, words)));
+}
+
+// A control with its label, a hint, and room for what is wrong with it.
+function field(label, control, hint = "") {
+  const id = `field-${(fields += 1)}`;
+  const fault = h("span", { class: "fault", id: `${id}-fault` });
+  control.id = id;
+  control.setAttribute("aria-describedby", `${id}-hint ${id}-fault`);
+  const root = h("div", { class: "field" }, h("label", { for: id }, label), control,
+    h("span", { class: "hint", id: `${id}-hint` }, hint), fault);
+  return {
+    root, control,
+    fail(words) {
+      setText(fault, words);
+      setAttribute(control, "aria-invalid", String(Boolean(words)));
+    },
+  };
+}
+
+const whole = (props) => h("input", { type: "number", inputmode: "numeric", step: 1, ...props });
+
+class FieldFault extends Error {
+  constructor(field, message) {
+    super(message);
+    this.field = field;
+  }
+}
+
+// Labels from `condition=novice, pair=p1`.
+export function labelsOf(text) {
+  const parts = text.split(",").map((part) => part.trim()).filter(Boolean);
+  return Object.fromEntries(parts.map((part) => {
+    const [name, ...value] = part.split("=");
+    if (!name.trim() || !value.join("=").trim()) throw new FieldFault("labels", `${part} is not a label; write NAME=VALUE`);
+    return [name.trim(), value.join("=").trim()];
+  }));
+}
+
+class Form {
+  constructor(server, { tasks, skills }) {
+    this.server = server;
+    this.tasks = new Map(tasks.map((task) => [task.name, task]));
+    const names = h("datalist", { id: "task-names" }, ...tasks.map((task) => h("option", { value: task.name },
+      `${task.seats.join(", ")} seats${task.shift ? ", shift" : ""}`)));
+    this.fields = {
+      task: field("Task", h("input", { list: "task-names", required: true, maxlength: 200, autocomplete: "off", spellcheck: "false" }), "Type to search."),
+      seats: field("Seats", whole({ min: 1, max: 16 })),
+      count: field("Episodes", whole({ min: 1, max: 100, value: 1, required: true })),
+      clock: field("Clock", select(CLOCKS, "realtime")),
+      step_rate: field("Steps per second", h("input", { type: "number", min: 0.01, step: "any", placeholder: "as the server is set" })),
+      absence: field("When a player is away", select(ABSENCES, "")),
+      bots: field("Seats for bots", whole({ min: 0, max: 16, value: 0 }), "The last seats. You get a command for each bot."),
+      skill: field("Skill of bots", select([["", "partner with people, else expert"], ...skills.map((name) => [name, name])], "")),
+      labels: field("Labels", h("input", { maxlength: 500, placeholder: "condition=novice, pair=p1", autocomplete: "off" }), "Players do not see them."),
+      open_for: field("Unused links are valid for", select(OPEN_FOR, 7 * DAY)),
+      page: field("Address of the game for players", h("input", { type: "url", value: pageAddress(server), required: true, spellcheck: "false" }), "Links begin with it."),
+    };
+    this.send = h("button", { type: "submit", class: "button primary" }, "Open");
+    this.status = h("p", { class: "fault", role: "alert" });
+    const { task, clock } = this.fields;
+    task.control.addEventListener("input", () => this.showSeats());
+    clock.control.addEventListener("change", () => this.showRate());
+    this.root = h("form", { class: "opening", novalidate: true }, h("h2", {}, "Open episodes"), names,
+      h("div", { class: "grid" }, ...Object.values(this.fields).map(({ root }) => root)), this.status,
+      h("div", { class: "choices" },
+        h("button", { type: "button", class: "button", onclick: () => this.root.closest("dialog").close() }, "Cancel"), this.send));
+    this.showSeats();
+    this.showRate();
+  }
+
+  value(name) {
+    return this.fields[name].control.value.trim();
+  }
+
+  showSeats() {
+    const task = this.tasks.get(this.value("task"));
+    const { seats } = this.fields;
+    seats.control.placeholder = task ? String(task.seats[0]) : "as usual";
+    setText(seats.root.querySelector(".hint"), task ? `Possible: ${task.seats.join(", ")}` : "");
+  }
+
+  showRate() {
+    this.fields.step_rate.root.hidden = this.value("clock") !== "realtime";
+  }
+
+  number(name) {
+    const { control } = this.fields[name];
+    if (!control.checkValidity()) throw new FieldFault(name, control.validationMessage);
+    return control.value === "" ? null : Number(control.value);
+  }
+
+  // What the operator wants; raises FieldFault for what only this page can check.
+  order() {
+    if (!this.value("task")) throw new FieldFault("task", "Choose a task.");
+    const seats = this.number("seats");
+    const create = { task: this.value("task"), clock: this.value("clock"), tokens: true, open_for: Number(this.value("open_for")) };
+    if (seats !== null) create.seats = seats;
+    const rate = create.clock === "realtime" ? this.number("step_rate") : null;
+    if (rate !== null) create.step_rate = rate;
+    if (this.value("absence")) create.absence = this.value("absence");
+    create.labels = labelsOf(this.value("labels"));
+    const count = this.number("count");
+    const most = seats ?? this.tasks.get(create.task)?.seats[0] ?? 16;
+    const bots = { count: this.number("bots") ?? 0, skill: this.value("skill") };
+    if (bots.count > most) throw new FieldFault("bots", `The task has ${most} seats.`);
+    if (!this.fields.page.control.checkValidity()) throw new FieldFault("page", "Enter an address such as https://kitchen.example.org/play.");
+    return { count, create, bots, page: this.value("page") };
+  }
+
+  show(problem) {
+    for (const each of Object.values(this.fields)) each.fail("");
+    setText(this.status, "");
+    if (!problem) return;
+    // The server names fields as `create.labels.condition`.
+    const [name] = problem.field.replace(/^create\./, "").split(".");
+    const found = this.fields[name];
+    const words = problem.message.replace(`invalid ${problem.field}: `, "").replace(`${name}: `, "");
+    if (!found) return setText(this.status, problem.message);
+    found.fail(words);
+    found.control.focus();
+  }
+
+  // Opens the episodes; resolves to their links, or to null after a refusal.
+  async submitted() {
+    this.show(null);
+    this.send.disabled = true;
+    try {
+      const { count, create, bots, page } = this.order();
+      const answer = await post("api/episodes", { count, create });
+      localStorage.setItem(PAGE, page);
+      const made = { page, server: this.server.url, create, bots };
+      return new Links(answer, linkRows(answer.opened, made));
+    } catch (problem) {
+      if (!(problem instanceof Refused || problem instanceof FieldFault)) throw problem;
+      this.show(problem);
+      return null;
+    } finally {
+      this.send.disabled = false;
+    }
+  }
+}
+
+// The links of the new episodes. The server does not keep them, so they are shown once.
+class Links {
+  constructor({ opened, problem }, rows) {
+    this.rows = rows;
+    this.saved = false;
+    const players = Object.keys(rows[0].links);
+    const title = opened.length === 1 ? "An episode is open" : `${opened.length} episodes are open`;
+    const head = ["Code", ...players].map((words) => h("th", { scope: "col" }, words));
+    this.root = h("form", { class: "opened", method: "dialog" }, h("h2", { tabindex: "-1" }, title),
+      problem ? h("p", { class: "fault", role: "alert" }, `The others are not: ${problem.message}`) : null,
+      h("p", {}, "Each link is for one seat. Whoever has it can take the seat, so send it to its player only. This list is not shown again."),
+      h("div", { class: "table", tabindex: "0", role: "region", "aria-label": "Links" },
+        h("table", {}, h("thead", {}, h("tr", {}, ...head)), h("tbody", {}, ...rows.map((row) => this.line(row))))),
+      h("div", { class: "choices" },
+        button("copy", "Copy all", () => this.copy(asCSV(rows, "\t"), "all links")),
+        button("save", "Save as CSV", () => this.save(), "primary"),
+        h("button", { type: "submit", class: "button" }, "Close")));
+  }
+
+  line({ code, links, bots }) {
+    const cells = Object.entries(links).map(([player, link]) => {
+      const what = bots[player] ? `the command of the bot for ${player} in ${code}` : `the link of ${player} in ${code}`;
+      return h("td", {}, h("span", { class: "secret" }, h("code", {}, bots[player] || link.slice(link.indexOf("#"))),
+        button("copy", `Copy ${what}`, () => this.copy(bots[player] || link, what), "icon small")));
+    });
+    return h("tr", {}, h("th", { scope: "row" }, code), ...cells);
+  }
+
+  async copy(text, what) {
+    try {
+      await navigator.clipboard.writeText(text);
+      this.saved = true;
+      toast(`Copied ${what}`);
+    } catch {
+      toast("This browser does not allow copying. Save the CSV file.", true);
+    }
+  }
+
+  save() {
+    const content = new Blob([asCSV(this.rows, ",")], { type: "text/csv" });
+    const link = h("a", { href: URL.createObjectURL(content), download: "opened.csv" });
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
+    this.saved = true;
+  }
+}
+
+const lose = () => ask({
+  title: "Close without the links?",
+  text: "You have neither saved nor copied them, and they are not shown again.",
+  confirm: "Close",
+  danger: true,
+});
+
+export async function openEpisodes(server) {
+  let tasks;
+  try {
+    tasks = await get("api/tasks");
+  } catch (problem) {
+    return toast(problem.message, true);
+  }
+  const form = new Form(server, tasks);
+  let links = null;
+  const dialog = h("dialog", {
+    class: "wide", "aria-label": "Open episodes",
+    onclose: () => dialog.remove(),
+    oncancel: (event) => {
+      if (!links || links.saved) return;
+      event.preventDefault();
+      close();
+    },
+  }, form.root);
+  async function close() {
+    if (links.saved || (await lose()) !== null) dialog.close();
+  }
+  form.root.addEventListener("submit", async (event) => {
+    event.preventDefault();
+    links = await form.submitted();
+    if (!links) return;
+    links.root.addEventListener("submit", (submission) => {
+      submission.preventDefault();
+      close();
+    });
+    dialog.replaceChildren(links.root);
+    links.root.querySelector("h2").focus();
+  });
+  document.body.append(dialog);
+  dialog.showModal();
+  form.fields.task.control.focus();
+}
