@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from robotouille.protocol import messages
 from robotouille_client import connect
 from robotouille_server.auth import Role
 from tests.operator.visits import DESKTOP, browser_page
@@ -189,3 +190,28 @@ async def test_form_is_for_tokens_that_allow_all_episodes(browser: Any, tmp_path
             await page.get_by_role("button", name="Sign in").click()
             await expect(page.locator(".episode")).to_have_count(1)
             await expect(page.get_by_role("button", name="Open episodes")).to_be_hidden()
+
+
+async def test_link_of_a_spectator_shows_the_game_and_nothing_else(
+    browser: Any, tmp_path: Path
+) -> None:
+    async with viewing(tmp_path, require_token=True, tokens=True) as (server, port, _):
+        room = server.lobby.create(messages.Create(task=TASK))
+        token = server.tokens.mint_role(Role.OPERATOR, "lab", seconds=3600)
+        async with browser_page(browser, port.url, allow="401") as page:
+            await page.get_by_label("Token").fill(token)
+            await page.get_by_role("button", name="Sign in").click()
+            await page.get_by_role("button", name="Watch").click()
+            await page.get_by_role("button", name="Make a link").click()
+            opening = page.get_by_role("link", name="Open", exact=True)
+            await expect(opening).to_be_focused()
+            link = await opening.get_attribute("href")
+        assert link.startswith(f"http://127.0.0.1:{server.port}/watch#{room.code}.")
+        async with visiting(browser, link, "Eve") as eve:
+            await expect(eve.locator("#kitchen")).to_be_visible()
+            await expect(eve.locator("#seats")).to_contain_text("free")
+            assert room.spectators == 1
+        playing = link.replace("/watch#", "/play#")
+        async with visiting(browser, playing, "Eve") as eve:
+            await expect(eve.locator("#cover")).to_contain_text("may not join as player")
+        assert not any(seat.name for seat in room.episode.seats.values())

@@ -14,6 +14,7 @@ from robotouille.protocol import messages
 from robotouille_server import Server
 from robotouille_server.auth.keys import Key, Keyring, rotate
 from robotouille_server.auth.links import Link, is_link, pack_link, read_link
+from robotouille_server.auth.roles import Role
 from robotouille_server.auth.tokens import Tokens
 from robotouille_server.requests import Opening, open_episode
 from tests.support.handshakes import hello, opened
@@ -35,6 +36,14 @@ LINKS = st.builds(
     subject=SUBJECTS.filter(lambda text: len(text.encode()) < 70),
     expires=st.integers(1, 2**24 - 1).map(lambda hours: 3600.0 * hours),
     once=st.booleans(),
+) | st.builds(
+    Link,
+    code=st.just(CODE),
+    seat=st.just(""),
+    subject=SUBJECTS.filter(lambda text: len(text.encode()) <= 64),
+    expires=st.just(3600.0),
+    once=st.booleans(),
+    watch=st.just(True),
 )
 
 
@@ -85,6 +94,14 @@ def test_link_for_a_seat_of_a_study_is_short() -> None:
     for subject in ("participant-0123456789abcdef", "0123456789abcdef-2"):
         token = pack_link(Link(CODE, "robot2", subject, 1.9e9), KEY)
         assert len(f"/play#{token}") <= 60
+
+
+def test_link_for_a_spectator_grants_no_seat() -> None:
+    tokens = Tokens(Keyring([KEY]), lambda: 0.0)
+    grant = tokens.check_role(tokens.mint_link("p-1", seconds=60, code=CODE, watch=True))
+    assert (grant.role, grant.subject, grant.seat) == (Role.SPECTATOR, "p-1", "")
+    with pytest.raises(ValueError, match="a spectator has no seat"):
+        tokens.mint_link("p-1", seconds=60, code=CODE, seat="robot1", watch=True)
 
 
 def test_link_expires_at_a_whole_hour_and_can_be_revoked() -> None:

@@ -1,7 +1,8 @@
 """Short role tokens for personal links: `KQXZB-MHTWA.` and about 40 letters.
 
-A link's token is for one seat of one episode, and has no name and no id of its own. It is signed
-like other tokens and needs no storage, so every process with the same keys accepts it:
+A link's token is for one seat of one episode, or for a spectator. It has no name and no id of its
+own. It is signed like other tokens and needs no storage, so every process with the same keys
+accepts it:
 
     byte 0      length of the seat (bits 0 to 4), form of the subject (5, 6), one session only (7)
     bytes 1-3   end of validity, in hours since 1970
@@ -31,7 +32,7 @@ _SIGNATURE = 12
 _HOUR = 3600
 MAX_SEAT, MAX_SUBJECT = 31, 64
 """Longest parts of a link, in bytes."""
-_RAW, _PARTICIPANT, _NUMBERED = range(3)
+_RAW, _PARTICIPANT, _NUMBERED, _SPECTATOR = range(4)
 _PSEUDONYM = re.compile(r"participant-([0-9a-f]{16})")
 _ANONYMOUS = re.compile(r"([0-9a-f]{16})-([1-9][0-9]?)")
 """Subjects that the server makes. Without their letters, links are short enough to type."""
@@ -48,6 +49,7 @@ class Link:
         subject: The pseudonym of the bearer.
         expires: The end of validity in seconds since 1970, a whole hour.
         once: True if it is good for one session only.
+        watch: True if it is for a spectator, who has no seat.
         token_id: The id with which the token can be revoked, once it is signed.
     """
 
@@ -56,6 +58,7 @@ class Link:
     subject: str
     expires: float
     once: bool = False
+    watch: bool = False
     token_id: str = ""
 
 
@@ -67,7 +70,9 @@ def is_link(token: str) -> bool:
 def pack_link(link: Link, key: Key) -> str:
     """Return the token of a link, signed with a key; raise ValueError for invalid values."""
     seat, hours = link.seat.encode(), math.ceil(link.expires / _HOUR)
-    form, subject = _packed_subject(link.subject)
+    if link.watch and link.seat:
+        raise ValueError("seat: a spectator has no seat")
+    form, subject = _packed_subject(link)
     for name, part, most in (("seat", seat, MAX_SEAT), ("sub", subject, MAX_SUBJECT)):
         if len(part) > most:
             raise ValueError(f"{name}: a link has room for {most} bytes")
@@ -106,10 +111,14 @@ def _read(code: str, content: bytes) -> Link:
         subject=_read_subject(content[0] >> 5 & 3, subject),
         expires=float(int.from_bytes(content[1:4], "big") * _HOUR),
         once=bool(content[0] >> 7),
+        watch=content[0] >> 5 & 3 == _SPECTATOR,
     )
 
 
-def _packed_subject(subject: str) -> tuple[int, bytes]:
+def _packed_subject(link: Link) -> tuple[int, bytes]:
+    subject = link.subject
+    if link.watch:
+        return _SPECTATOR, subject.encode()
     if known := _PSEUDONYM.fullmatch(subject):
         return _PARTICIPANT, bytes.fromhex(known[1])
     if known := _ANONYMOUS.fullmatch(subject):

@@ -97,8 +97,8 @@ class MintOptions:
     link: Annotated[
         str,
         typer.Option(
-            help="Print a personal link for the page at this address, such as "
-            "https://HOST/play; for players, with --episode CODE.",
+            help="Print a personal link for the page at this address, with --episode CODE: "
+            "https://HOST/play for a player, https://HOST/watch for a spectator.",
         ),
     ] = ""
     keys: KeysOption = DEFAULT_KEYS
@@ -212,8 +212,8 @@ def _check_once(role: Role, once: bool) -> None:
 def _check_link(role: Role, options: MintOptions) -> None:
     if not options.link:
         return
-    if role is not Role.PLAYER or options.name:
-        raise RobotouilleError("--link is for players, and has no room for --name")
+    if role.includes(Role.HOST) or options.name:
+        raise RobotouilleError("--link is for players and spectators, and has no room for --name")
     if not re.fullmatch(r"https?://[^\s#?]+", options.link):
         text = f"--link: {options.link!r} is not the page's address; expected https://HOST/play"
         raise RobotouilleError(text)
@@ -247,6 +247,7 @@ def _minted(tokens: Tokens, role: Role, options: MintOptions) -> str:
                 code=options.episode,
                 seat=options.seat,
                 once=options.once,
+                watch=role is Role.SPECTATOR,
             )
         return tokens.mint_role(
             role,

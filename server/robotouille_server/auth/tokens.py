@@ -236,13 +236,21 @@ class Tokens:
         )
 
     def mint_link(
-        self, subject: str, *, seconds: float, code: str, seat: str = "", once: bool = False
+        self,
+        subject: str,
+        *,
+        seconds: float,
+        code: str,
+        seat: str = "",
+        once: bool = False,
+        watch: bool = False,
     ) -> str:
         """Return the token of a personal link to an episode, as `mint_role`.
 
-        It grants the role `player`. Its validity is rounded up to a whole hour.
+        It grants the role `player`, or `spectator` with `watch`. Its validity is rounded up to a
+        whole hour.
         """
-        link = Link(code, seat, subject, self._wall() + seconds, once)
+        link = Link(code, seat, subject, self._wall() + seconds, once, watch)
         if not re.fullmatch(r"[A-Z-]{6,20}", code):
             raise ValueError("episode: a link needs the code of an episode, such as KQXZB-MHTWA")
         if not subject:
@@ -308,7 +316,7 @@ class Tokens:
             raise ProtocolError("auth/expired", _EXPIRED["token"], "token")
         self._check_revoked(link.token_id, "token")
         return RoleGrant(
-            role=Role.PLAYER,
+            role=Role.SPECTATOR if link.watch else Role.PLAYER,
             subject=link.subject,
             episode=link.code,
             seat=link.seat,

@@ -31,6 +31,7 @@ from robotouille_server.operator.models import (
     Overview,
     Problem,
     RecordingPage,
+    SpectatorLink,
     TaskList,
 )
 from robotouille_server.operator.other_nodes import EpisodeElsewhereError, OtherNodes, OverviewQuery
@@ -235,6 +236,11 @@ async def mute(service: TheService, episode: str, request: MuteRequest) -> Done:
 @router.post("/episodes/{episode}/announce", summary="Send an announcement to an episode")
 async def announce(service: TheService, episode: str, request: AnnounceRequest) -> Done:
     return service.announce(episode, request.text)
+
+
+@router.post("/episodes/{episode}/spectator_link", summary="Make a link for a spectator")
+async def spectator_link(service: TheService, episode: str, request: NoRequest) -> SpectatorLink:
+    return service.spectator_link(episode)
 
 
 @router.post("/announce", summary="Send an announcement to all episodes")

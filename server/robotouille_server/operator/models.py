@@ -282,6 +282,14 @@ class TaskList(ResponseModel):
     skills: list[str] = Field(description="Skills of planner bots, from low to high.")
 
 
+class SpectatorLink(ResponseModel):
+    """Personal link of a spectator."""
+
+    link: str = Field(
+        description="Short token. The page's address ends with `watch#` and this token."
+    )
+
+
 class OpenedEpisode(ResponseModel):
     """Episode that a request or a command opened."""
 

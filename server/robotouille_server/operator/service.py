@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import secrets
 from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from functools import partial
@@ -32,6 +33,7 @@ from robotouille_server.operator.models import (
     RecordingFault,
     RecordingPage,
     ServerInfo,
+    SpectatorLink,
     TaskList,
     Totals,
 )
@@ -69,6 +71,8 @@ WATCH_SECONDS = 0.25
 """Seconds between two looks at a watched episode."""
 OTHER_NODE_SECONDS = 1.0
 """The same for an episode of another node."""
+SPECTATOR_LINK_SECONDS = 86_400.0
+"""Validity of a link for a spectator."""
 RETRY_SECONDS = 1
 """Seconds after which a request for an episode that moves to another node may succeed."""
 
@@ -348,6 +352,17 @@ class OperatorService:
         room.announce(text)
         done = f"announcement sent to {shown_code(room.code)}"
         return self._done("announce", room, done, text=text)
+
+    def spectator_link(self, name: str) -> SpectatorLink:
+        """Return a new link with which one person watches an episode in a browser."""
+        room = self._live(name)
+        # A removed spectator is banned by subject, so each link has a subject of its own.
+        subject = f"spectator-{secrets.token_hex(4)}"
+        link = self._server.tokens.mint_link(
+            subject, seconds=SPECTATOR_LINK_SECONDS, code=room.code, watch=True
+        )
+        self._note("spectator link", room.id, subject=subject)
+        return SpectatorLink(link=link)
 
     async def announce_to_all(self, text: str) -> Done:
         """Send an announcement to everyone in all episodes, on all nodes of a cluster."""

@@ -35,6 +35,9 @@ export async function kick(row, who) {
 
 export const mute = (row, who) => attempt(() => post(path(row, "mute"), { session: who.session, muted: !who.muted }));
 
+// Resolves to the link, or to undefined after an error.
+export const spectatorLink = (row) => attempt(() => post(path(row, "spectator_link")));
+
 export const announce = (row, text) => attempt(() => post(path(row, "announce"), { text }));
 
 export async function announceToAll() {

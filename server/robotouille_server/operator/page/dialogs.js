@@ -55,11 +55,12 @@ export function toast(words, bad = false) {
   setTimeout(() => note.remove(), bad ? 10_000 : 4_000);
 }
 
-// Run an action and show its result or its error.
+// Run an action, show its result or its error, and return its answer.
 export async function attempt(action) {
   try {
     const answer = await action();
     if (answer?.done) toast(answer.done.charAt(0).toUpperCase() + answer.done.slice(1));
+    return answer;
   } catch (problem) {
     toast(problem.message, true);
   }

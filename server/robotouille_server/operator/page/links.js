@@ -1,5 +1,13 @@
 // Links and commands of the seats of new episodes, and their CSV.
 
+const PAGE = "robotouille-operator-page";
+
+// Address of the page for players. Behind a proxy, only the operator knows it.
+export const pageAddress = (server) => localStorage.getItem(PAGE) || server.page;
+export const keepPageAddress = (address) => localStorage.setItem(PAGE, address);
+
+export const spectatorAddress = (server, token) => `${pageAddress(server).replace(/play\/?$/, "watch")}#${token}`;
+
 // A bot's command; all parts come from the server and need no quotes.
 function command(server, code, token, skill) {
   return ["robotouille-bot planner", skill && `--skill ${skill}`, `--url ${server}`, `--episode ${code}`, `--token ${token}`].filter(Boolean).join(" ");

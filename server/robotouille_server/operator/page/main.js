@@ -14,13 +14,13 @@ const $ = (id) => document.getElementById(id);
 const PAGE = 50;
 const RECORDINGS_EVERY = 3000;
 
-const view = { tab: "episodes", search: "", phase: "", offset: 0, found: 0, server: null };
+const view = { tab: "episodes", search: "", phase: "", offset: 0, found: 0, server: { page: "" } };
 
 const watch = new Watch($("watch"), (episode) => {
   document.body.classList.toggle("watching", Boolean(episode));
   episodes.mark(episode);
   history.replaceState(null, "", episode ? `#${episode}` : location.pathname);
-});
+}, () => view.server);
 const show = (episode) => watch.show(episode);
 const totals = new Totals($("totals"), $("faults"), $("alerts"), show);
 const nodes = new Nodes($("nodes"));

@@ -3,16 +3,12 @@
 import { Refused, get, post } from "./api.js";
 import { ask, toast } from "./dialogs.js";
 import { button, h, setAttribute, setText } from "./dom.js";
-import { asCSV, linkRows } from "./links.js";
+import { asCSV, keepPageAddress, linkRows, pageAddress } from "./links.js";
 
-const PAGE = "robotouille-operator-page";
 const DAY = 86_400;
 const CLOCKS = [["realtime", "real time"], ["lockstep", "lockstep: a step when all have decided"], ["turn", "turns"]];
 const ABSENCES = [["", "as the server is set"], ["wait", "wait: the game goes on without them"], ["pause", "pause the game"], ["bot", "a substitute plays"], ["end", "end the game"]];
 const OPEN_FOR = [[3600, "an hour"], [DAY, "a day"], [7 * DAY, "7 days"], [30 * DAY, "30 days"]];
-
-// Address of the page for participants. Behind a proxy, only the operator knows it.
-export const pageAddress = (server) => localStorage.getItem(PAGE) || server.page;
 
 let fields = 0;
 
@@ -147,7 +143,7 @@ class Form {
     try {
       const { count, create, bots, page } = this.order();
       const answer = await post("api/episodes", { count, create });
-      localStorage.setItem(PAGE, page);
+      keepPageAddress(page);
       const made = { page, server: this.server.url, create, bots };
       return new Links(answer, linkRows(answer.opened, made));
     } catch (problem) {

@@ -1,9 +1,10 @@
 // Panel of one episode: participants, events and state as text.
 
-import { announce, end, kick, mute, pauseOrResume } from "./actions.js";
+import { announce, end, kick, mute, pauseOrResume, spectatorLink } from "./actions.js";
 import { download, follow } from "./api.js";
 import { toast } from "./dialogs.js";
 import { controllerWords, heading, phaseBadge, progress, recordingWords, updatePauseButton, stepWords } from "./episodes.js";
+import { pageAddress, spectatorAddress } from "./links.js";
 import { nodeName } from "./nodes.js";
 import { Rows, button, bytes, h, icon, latency, setAttribute, setText } from "./dom.js";
 
@@ -52,9 +53,10 @@ function line(entry, number) {
 }
 
 export class Watch {
-  constructor(root, opened) {
+  constructor(root, opened, server) {
     this.root = root;
     this.opened = opened;
+    this.server = server;
     this.stop = () => {};
     this.episode = "";
   }
@@ -92,6 +94,7 @@ export class Watch {
     this.pauseButton = button("pause", "Pause", () => pauseOrResume(this.row));
     this.endButton = button("stop", "End", () => end(this.row), "danger");
     this.command = h("code");
+    this.spectate = h("p", {}, h("span", {}, "In a browser, as a spectator"), button("eye", "Make a link", () => this.invite(), "small"));
     this.recording = h("span");
     this.save = h("a", { class: "button small", onclick: (event) => download(event, this.row.recording.name) }, icon("save"), h("span", {}, "Download"));
     this.say = this.sayForm();
@@ -104,9 +107,10 @@ export class Watch {
       h("h3", {}, "Seats and spectators"), this.people,
       h("h3", {}, "Events"), this.log, this.say,
       h("h3", {}, "State as text"), this.text,
-      h("h3", {}, "Window and recording"),
+      h("h3", {}, "Watch and record"),
       h("div", { class: "elsewhere" },
-        h("p", {}, this.command, button("copy", "Copy", () => this.copy(), "icon small")),
+        this.spectate,
+        h("p", {}, this.command, button("copy", "Copy the command", () => this.copy(this.command), "icon small")),
         h("p", {}, this.recording, this.save)),
     ));
   }
@@ -143,6 +147,7 @@ export class Watch {
     setText(this.command, row.watch);
     const ended = row.phase === "ended";
     this.pauseButton.hidden = this.endButton.hidden = this.say.hidden = ended;
+    this.spectate.hidden = ended;
     updatePauseButton(this.pauseButton, row);
     setText(this.recording, recordingWords({ ...row, problem: "" }));
     // In a cluster, there is no file before the end.
@@ -167,12 +172,24 @@ export class Watch {
     if (atEnd) this.log.scrollTop = this.log.scrollHeight;
   }
 
-  async copy() {
+  // A new link each time: a removed spectator cannot come back with the same one.
+  async invite() {
+    if (!pageAddress(this.server())) return toast("This server shows no page for browsers.", true);
+    const made = await spectatorLink(this.row);
+    if (!made) return;
+    const address = h("code", {}, spectatorAddress(this.server(), made.link));
+    this.spectate.replaceChildren(address,
+      button("copy", "Copy the link", () => this.copy(address), "icon small"),
+      h("a", { class: "button small", href: address.textContent, target: "_blank", rel: "noreferrer" }, icon("eye"), h("span", {}, "Open")));
+    this.spectate.querySelector("a").focus();
+  }
+
+  async copy(element) {
     try {
-      await navigator.clipboard.writeText(this.row.watch);
+      await navigator.clipboard.writeText(element.textContent);
       toast("Copied");
     } catch {
-      getSelection().selectAllChildren(this.command);
+      getSelection().selectAllChildren(element);
     }
   }
 }
