@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import re
+import tarfile
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
@@ -203,6 +204,41 @@ async def _downloaded(page: Any, where: Any) -> Path:
         await where.get_by_role("link", name="Download").click()
     path: Path = await (await download.value).path()
     return path
+
+
+def _archived(path: Path) -> list[str]:
+    with tarfile.open(path) as tar:
+        return tar.getnames()
+
+
+@pytest.mark.parametrize("token", [False, True], ids=["local", "token"])
+async def test_ticked_or_all_matching_recordings_are_one_download(
+    browser: Any, tmp_path: Path, token: bool
+) -> None:
+    async with viewing(tmp_path, tokens=token) as (server, port, _):
+        tasks = ["soup", "soup", "soup", "pie"]
+        files = [f"2025010{n}T000000Z_{task}_{n}.rbt" for n, task in enumerate(tasks)]
+        for name in files:
+            (tmp_path / name).write_bytes(name.encode())
+        async with browser_page(browser, port.url, allow="401") as page:
+            if token:
+                minted = server.tokens.mint_role(Role.OPERATOR, "lab", seconds=3600)
+                await page.get_by_label("Token").fill(minted)
+                await page.get_by_role("button", name="Sign in").click()
+            await page.get_by_role("tab", name="Recordings").click()
+            bar = page.locator(".archive")
+            await expect(bar).to_have_text("Download all 4 recordings")
+            assert _archived(await _downloaded(page, bar)) == files[::-1]
+            await page.get_by_label("Search").fill("soup")
+            await expect(bar).to_have_text("Download all 3 recordings")
+            assert _archived(await _downloaded(page, bar)) == files[2::-1]
+            for name in (files[0], files[2]):
+                await page.get_by_label(f"Select {name}").check()
+            await expect(bar).to_have_text("Download 2 recordings")
+            assert _archived(await _downloaded(page, bar)) == [files[2], files[0]]
+            await page.get_by_label("Search").fill("")
+            await page.get_by_label(f"Select {files[2]}").uncheck()
+            await expect(bar).to_have_text("Download 1 recording")
 
 
 async def test_names_are_never_markup(browser: Any, tmp_path: Path) -> None:

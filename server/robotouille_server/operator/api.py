@@ -270,6 +270,27 @@ async def recording(service: TheService, name: str) -> Response:
     return StreamingResponse(content, media_type="application/octet-stream", headers=headers)
 
 
+@router.get(
+    "/archive",
+    summary="Download several recordings as one tar file",
+    response_class=Response,
+    responses=FILE,
+)
+async def archive(
+    service: TheService,
+    principal: ThePrincipal,
+    rates: TheRates,
+    name: Annotated[list[str], Query(max_length=100, description="Recordings; all without.")] = [],  # noqa: B006
+    search: Search = "",
+) -> Response:
+    names = await service.archived(name, search)
+    rates.charge(principal.token_subject, len(names) // ROWS_A_TURN)
+    headers = {"content-disposition": 'attachment; filename="recordings.tar"'}
+    return StreamingResponse(
+        service.archive(names), media_type="application/x-tar", headers=headers
+    )
+
+
 def _json(value: BaseModel) -> Response:
     # FastAPI would check the value again and encode it in Python, which takes far longer.
     return Response(value.model_dump_json(), media_type="application/json")

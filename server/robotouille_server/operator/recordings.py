@@ -254,12 +254,18 @@ class RecordingStore:
 
     def page(self, search: str, limit: int, offset: int, live: Mapping[str, str]) -> RecordingPage:
         """Return a part of the list, newest first. `live` maps open recordings to episodes."""
-        words = search.lower().split()
-        found = [name for name in self._names() if all(word in name.lower() for word in words)]
-        found.sort(reverse=True)
+        found = self.found(search)
         shown = found[offset : offset + limit]
         return RecordingPage(
             found=len(found), recordings=[self._row(name, live.get(name)) for name in shown]
+        )
+
+    def found(self, search: str) -> list[str]:
+        """Return the names of the recordings that contain all words of a search, newest first."""
+        words = search.lower().split()
+        return sorted(
+            (name for name in self._names() if all(word in name.lower() for word in words)),
+            reverse=True,
         )
 
     def opened(self, name: str, live_size: int | None) -> tuple[BinaryIO, int]:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import copy
 import secrets
 from collections import Counter
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable, Sequence
 from functools import partial
 from http import HTTPStatus
 from operator import itemgetter
+from typing import BinaryIO
 
 from robotouille.episode import Phase
 from robotouille.errors import ProtocolError
@@ -16,6 +17,7 @@ from robotouille.installation import VERSION
 from robotouille.planning.policies.skill import SKILLS
 from robotouille.replay.file_names import CLOSED
 from robotouille_server.app import Server
+from robotouille_server.operator.archive import MAX_ARCHIVED, archive
 from robotouille_server.operator.forwarding import MAX_ANSWER_BYTES, too_large
 from robotouille_server.operator.load import ROOMS_A_TURN, ROWS_A_TURN, HeavyJobs, Turns
 from robotouille_server.operator.merging import PHASES, rank
@@ -205,9 +207,52 @@ class OperatorService:
             for room in self._rooms()
             if room.episode.phase is not Phase.ENDED
         }
-        if self._principal.only_episode:
-            search = f"{search} {self._only_file()}"
+        search = self._limited(search)
         return await self._jobs.run(self._store.page, search, limit, offset, live)
+
+    def _limited(self, search: str) -> str:
+        """Return a search that finds only recordings that the principal may see."""
+        return f"{search} {self._only_file()}" if self._principal.only_episode else search
+
+    async def archived(self, names: Collection[str], search: str) -> list[str]:
+        """Return the names of the recordings in an archive.
+
+        Args:
+            names: The wanted recordings; empty for all that a search finds.
+            search: Words that all occur in the names.
+
+        Raises:
+            RequestRefusedError: A name is unknown, or there are too many recordings.
+        """
+        found = await self._jobs.run(self._store.found, self._limited(search))
+        if unknown := next((name for name in names if name not in found), None):
+            message = f"no recording {unknown!r}; it may have been closed (without .part) or moved"
+            raise RequestRefusedError(HTTPStatus.NOT_FOUND, "recording/unknown", message)
+        wanted = [name for name in found if not names or name in names]
+        if len(wanted) > MAX_ARCHIVED:
+            message = (
+                f"{len(wanted)} recordings match, and an archive holds {MAX_ARCHIVED}; "
+                "search for fewer"
+            )
+            status = HTTPStatus.BAD_REQUEST
+            raise RequestRefusedError(status, "request/invalid", message, field="search")
+        return wanted
+
+    def archive(self, names: Sequence[str]) -> AsyncIterator[bytes]:
+        """Return a tar file of recordings, each up to its last complete frame."""
+        self._note("archive", count=str(len(names)))
+        return archive(names, self._open_recording, self._server.wall())
+
+    async def _open_recording(self, name: str) -> tuple[BinaryIO, int]:
+        """Open a recording, also if its episode has ended since it was listed."""
+        await self.turns.next()
+        try:
+            return await self._jobs.run(self._store.opened, name, self._live_size(name))
+        except RequestRefusedError:
+            closed = name.removesuffix(".part")
+            if closed == name:
+                raise
+            return await self._jobs.run(self._store.opened, closed, None)
 
     async def recording(self, name: str) -> tuple[int, AsyncIterator[bytes]]:
         """Return the size and content of a recording, up to its last complete frame."""

@@ -47,10 +47,11 @@ export async function post(path, body = {}) {
 }
 
 // A plain link cannot send a token, so with a token the file is fetched first.
-export async function download(event, name) {
+export async function download(event) {
   if (!token) return;
   event.preventDefault();
-  const content = await (await send(`api/recordings/${name}`)).blob();
+  const { href, download: name } = event.currentTarget;
+  const content = await (await send(href)).blob();
   const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(content), download: name });
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 60_000);

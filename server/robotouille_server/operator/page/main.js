@@ -67,7 +67,7 @@ async function refreshRecordings() {
     const page = await get(`api/recordings?${query}`);
     if (!view.search || !shown) setText($("count-recordings"), page.found);
     if (!shown || view.tab !== "recordings") return;
-    recordings.update(page, Boolean(view.search));
+    recordings.update(page, view.search);
     updatePager(page.found);
   } catch (problem) {
     recordings.fail(problem);

@@ -1,12 +1,15 @@
 // The list of recordings.
 
 import { download } from "./api.js";
+import { attempt } from "./dialogs.js";
 import { Rows, bytes, h, icon, number, setAttribute, setText, taskTitle } from "./dom.js";
 
 const WORDS = {
   goal: "goal reached", step_limit: "step limit", abandoned: "abandoned", aborted: "ended",
   live: "being written", unfinished: "unfinished", unreadable: "unreadable", unread: "not read (large)",
 };
+
+const MAX_ARCHIVED = 500;
 
 function when(created) {
   const parts = created.match(/^(\d{4})-?(\d\d)-?(\d\d)T(\d\d):?(\d\d):?(\d\d)/);
@@ -16,22 +19,24 @@ function when(created) {
   return time.toLocaleString(undefined, { dateStyle: "medium", timeStyle: "short" });
 }
 
-function recording(row) {
+function recording(row, ticked) {
   const title = h("b");
   const name = h("span", { class: "name" });
   const outcome = h("span", { class: "phase" });
   const figures = h("span", { class: "figures" });
+  const tick = h("input", { type: "checkbox", onchange: (event) => ticked(row.name, event.target.checked) });
   const save = h("a", {
     class: "button", href: `api/recordings/${row.name}`, download: row.name,
-    onclick: (event) => download(event, row.name),
+    onclick: (event) => attempt(() => download(event)),
   }, icon("save"), h("span", {}, "Download"));
   return {
-    root: h("article", { class: "recording" }, h("div", {}, title, name), outcome, figures, save),
+    root: h("article", { class: "recording" }, tick, h("div", {}, title, name), outcome, figures, save),
     update(next) {
       const task = taskTitle(next.task || next.name);
       setText(title, task.title);
       setText(name, [when(next.created), task.set].filter(Boolean).join(" · "));
       setAttribute(title, "title", next.name);
+      setAttribute(tick, "aria-label", `Select ${next.name}`);
       setText(outcome, WORDS[next.outcome] ?? next.outcome);
       setAttribute(outcome, "data-phase", { live: "running", goal: "goal", unreadable: "problem" }[next.outcome] ?? "ended");
       setText(figures, [next.steps == null ? "" : `${number(next.steps)} steps`, bytes(next.size)].filter(Boolean).join(" · "));
@@ -43,18 +48,47 @@ export class Recordings {
   constructor(root) {
     this.empty = h("p", { class: "empty" });
     const list = h("div", { class: "list" });
-    root.append(list, this.empty);
-    this.rows = new Rows(list, (row) => row.name, recording);
+    this.ticked = new Set();
+    this.words = h("span", {});
+    this.archive = h("a", {
+      class: "button", download: "recordings.tar", onclick: (event) => attempt(() => download(event)),
+    }, icon("save"), h("span"));
+    this.bar = h("div", { class: "archive" }, this.words, this.archive);
+    root.append(this.bar, list, this.empty);
+    this.rows = new Rows(list, (row) => row.name, (row) => recording(row, (name, on) => this.tick(name, on)));
   }
 
-  update({ recordings }, filtered) {
+  tick(name, on) {
+    if (on) this.ticked.add(name);
+    else this.ticked.delete(name);
+    this.updateArchive();
+  }
+
+  // One file with the ticked recordings, or with all that match the search.
+  updateArchive() {
+    const count = this.ticked.size || this.found;
+    const query = new URLSearchParams(this.ticked.size ? [...this.ticked].map((name) => ["name", name]) : { search: this.search });
+    this.bar.hidden = this.found < 2;
+    this.archive.hidden = count > MAX_ARCHIVED;
+    const recordings = count === 1 ? "recording" : "recordings";
+    setText(this.words, count > MAX_ARCHIVED ? `An archive holds ${MAX_ARCHIVED} recordings. Search for fewer, or select some.` : "");
+    setText(this.archive.querySelector("span"), `Download ${this.ticked.size ? number(count) : `all ${number(count)}`} ${recordings}`);
+    setAttribute(this.archive, "href", `api/archive?${query}`);
+  }
+
+  update({ recordings, found }, search) {
+    Object.assign(this, { found, search });
+    const shown = new Set(recordings.map(({ name }) => name));
+    this.ticked = new Set([...this.ticked].filter((name) => shown.has(name)));
+    this.updateArchive();
     this.rows.update(recordings);
     this.empty.hidden = recordings.length > 0;
-    setText(this.empty, filtered ? "No recording matches." : "No recordings yet.");
+    setText(this.empty, search ? "No recording matches." : "No recordings yet.");
   }
 
   fail(problem) {
     this.rows.update([]);
+    this.bar.hidden = true;
     this.empty.hidden = false;
     setText(this.empty, problem.message);
   }

@@ -2,7 +2,7 @@
 
 import { announce, end, kick, mute, pauseOrResume, spectatorLink } from "./actions.js";
 import { download, follow } from "./api.js";
-import { toast } from "./dialogs.js";
+import { attempt, toast } from "./dialogs.js";
 import { controllerWords, heading, phaseBadge, progress, recordingWords, updatePauseButton, stepWords } from "./episodes.js";
 import { pageAddress, spectatorAddress } from "./links.js";
 import { nodeName } from "./nodes.js";
@@ -96,7 +96,7 @@ export class Watch {
     this.command = h("code");
     this.spectate = h("p", {}, h("span", {}, "In a browser, as a spectator"), button("eye", "Make a link", () => this.invite(), "small"));
     this.recording = h("span");
-    this.save = h("a", { class: "button small", onclick: (event) => download(event, this.row.recording.name) }, icon("save"), h("span", {}, "Download"));
+    this.save = h("a", { class: "button small", onclick: (event) => attempt(() => download(event)) }, icon("save"), h("span", {}, "Download"));
     this.say = this.sayForm();
     this.root.append(h("div", { class: "scroll" },
       h("div", { class: "head" },
