@@ -19,17 +19,16 @@ from robotouille.protocol.states import StateReader
 from robotouille.replay.container import compress
 from robotouille.replay.controllers import seatings
 from robotouille.replay.recording import Recording
-from robotouille.web.site import STATIC, WebSite
-from robotouille_client.cli.main import app
-from robotouille_client.window.pictures.appearance import AppearanceResolver
-from robotouille_client.window.replay.recorded_history import RecordedHistory
-from robotouille_client.window.replay.web_page import (
-    ACTIVITIES,
+from robotouille.web.recording_page import (
     labels,
     page_data,
     replay_page,
     steps_to_go,
 )
+from robotouille.web.site import STATIC, WebSite
+from robotouille_client.cli.main import app
+from robotouille_client.window.pictures.appearance import AppearanceResolver
+from robotouille_client.window.replay.recorded_history import RecordedHistory
 from tests.support.games import recorded_game
 from tests.support.page_tags import Tags
 from tests.support.random_play import random_stream, talkative_stream
@@ -90,7 +89,7 @@ def test_lanes_times_and_seats_are_those_of_the_viewer() -> None:
             times.append(times[-1] + passed)
         assert times == list(history.times)
         for player, lane in zip(recording.world.players, row["lanes"], strict=True):
-            assert lane == "".join(ACTIVITIES[code] for code in history.lanes[player])
+            assert lane == "".join("sxabwi"[code] for code in history.lanes[player])
         starts = dict(row["seats"])
         shown: list[Any] = []
         for step, seats in seatings(recording):

@@ -14,9 +14,9 @@ import pytest_asyncio
 
 from robotouille.replay.annotations import Codebook, read_annotations
 from robotouille.replay.recording import Recording
+from robotouille.web.recording_page import page_data, replay_page
 from robotouille.web.single_file import single_file
 from robotouille.web.site import STATIC
-from robotouille_client.window.replay.web_page import page_data, replay_page
 from tests.support.games import recorded_game
 from tests.support.random_play import talkative_stream
 

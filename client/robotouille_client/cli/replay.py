@@ -473,7 +473,7 @@ def page(
     """
     if output.suffix.lower() not in (".html", ".htm"):
         fail(f"{output}: the last argument is the page to write; its name must end with .html")
-    from robotouille_client.window.replay.web_page import labels, replay_page
+    from robotouille.web.recording_page import labels, replay_page
 
     try:
         codes = None if codebook is None else read_codebook(codebook)
@@ -505,7 +505,7 @@ def _steps_to_go(recording: Recording, deadline: Deadline) -> Sequence[list[Any]
 
     A shift has no goal, so it has no steps to go.
     """
-    from robotouille_client.window.replay.web_page import steps_to_go
+    from robotouille.web.recording_page import steps_to_go
 
     if recording.task.problem.shift is not None:
         return []

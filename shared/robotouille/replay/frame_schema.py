@@ -37,8 +37,8 @@ from robotouille.world.unmet import UnmetKind
 from robotouille.world.world import State, Step, World
 
 
-class FrameSource(Protocol):
-    """Source of frames, such as a `Recording`."""
+class Frames(Protocol):
+    """Frames of a game, and its world."""
 
     @property
     def world(self) -> World:
@@ -48,6 +48,10 @@ class FrameSource(Protocol):
     def each_frame(self) -> Iterator[dict[str, Any]]:
         """Yield the frames in order."""
         ...
+
+
+class FrameSource(Frames, Protocol):
+    """Source of frames, such as a `Recording`."""
 
     def notes(self) -> Iterator[dict[str, Any]]:
         """Yield all notes in order."""

@@ -12,7 +12,7 @@ from robotouille.episode.lifecycle import Controller
 from robotouille.episode.rules import Clock
 from robotouille.episode.tallies import Activity, activity
 from robotouille.errors import RecordingError
-from robotouille.replay.frame_schema import FrameSource
+from robotouille.replay.frame_schema import Frames, FrameSource
 from robotouille.world.unmet import unmet_from
 
 
@@ -24,7 +24,7 @@ class StepActivity:
     busy: Mapping[str, int]
 
 
-def activities(recording: FrameSource) -> Iterator[tuple[int, StepActivity]]:
+def activities(recording: Frames) -> Iterator[tuple[int, StepActivity]]:
     """Yield the number of each step and the seats' activities in it.
 
     Raises:

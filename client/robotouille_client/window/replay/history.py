@@ -13,12 +13,12 @@ from typing import Any
 from robotouille.domain.rendering import Language
 from robotouille.episode.tallies import Activity
 from robotouille.errors import RobotouilleError
+from robotouille.replay.rates import DEFAULT_RATE
 from robotouille.replay.timeline import Interlude
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.wording import Wording
 from robotouille.world.unmet import Unmet, unmet_from
 from robotouille.world.world import State, World
-from robotouille_client.window.sources.playout import real_time_rate
 from robotouille_client.window.view import Bubble, SeatView
 
 
@@ -68,9 +68,6 @@ class HistoryWording:
     def _wording(self, names: Mapping[str, str]) -> Wording:
         return Wording(self._world, self._language, None, names)
 
-
-# Steps a second at which games are replayed whose steps waited for decisions.
-DEFAULT_RATE = 5.0
 
 # Activities by code. A lane has one byte for each step: such a code, or `UNSEEN`.
 ACTIVITIES = tuple(Activity)
@@ -219,11 +216,6 @@ class History(ABC):
             # Marks come in the order of steps, so that equal ones are among the newest.
             if mark not in self.marks[-8:]:
                 self.marks.append(mark)
-
-
-def recorded_rate(rules: Mapping[str, Any]) -> float:
-    """Return the steps a second of a game's clock, or the default."""
-    return real_time_rate(rules) or DEFAULT_RATE
 
 
 # Seconds for which a replay shows what happened between two steps.

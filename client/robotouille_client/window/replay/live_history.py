@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from robotouille.domain.rendering import Language, language_of
 from robotouille.episode import Clock, Controller
 from robotouille.episode.tallies import Activity, activity
+from robotouille.replay.rates import recorded_rate
 from robotouille.replay.timeline import Interlude
 from robotouille.world.world import State
 from robotouille_client.game import Game
@@ -25,7 +26,6 @@ from robotouille_client.window.replay.history import (
     EntryKind,
     History,
     HistoryWording,
-    recorded_rate,
 )
 from robotouille_client.window.sources.texts import outcome_words, speaker
 from robotouille_client.window.view import SeatView

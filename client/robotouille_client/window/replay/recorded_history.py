@@ -19,6 +19,7 @@ from robotouille.errors import RecordingError, RobotouilleError
 from robotouille.replay.container import MAGIC, frame_ends, frame_value
 from robotouille.replay.controllers import Seating, seating_after
 from robotouille.replay.measures import activities, rejection_kind
+from robotouille.replay.rates import recorded_rate
 from robotouille.replay.recording import Recording, read_recording
 from robotouille.replay.timeline import interludes, note_words
 from robotouille.world.grounding.actions import GroundAction
@@ -28,7 +29,6 @@ from robotouille_client.window.replay.history import (
     EntryKind,
     History,
     HistoryWording,
-    recorded_rate,
 )
 from robotouille_client.window.replay.recorded_states import RecordedStates
 from robotouille_client.window.sources.texts import outcome_words

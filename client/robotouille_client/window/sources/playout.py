@@ -7,11 +7,8 @@ arrived. The delay is long enough for 90 % of the messages. Late steps are caugh
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
-from robotouille.episode import Clock
 from robotouille.world.world import State
 
 MAX_DELAY = 0.25
@@ -28,8 +25,6 @@ SETTLING = 0.3
 """Time constant in seconds for correcting the shown position."""
 MIN_RATE, MAX_RATE = 0.5, 2.0
 """Limits of the playback speed."""
-SLOWEST, FASTEST = 1e-4, 1e4
-"""Step rates that can be shown. The rules also allow rates outside these limits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,14 +112,3 @@ class Playout:
         offsets = sorted(self._offsets)
         most = offsets[min(len(offsets) - 1, round(IN_TIME * len(offsets)))]
         return offsets[0] + min(MAX_DELAY, most - offsets[0])
-
-
-def real_time_rate(rules: Mapping[str, Any]) -> float | None:
-    """Return the steps per second of a real-time game.
-
-    Return None if steps wait for decisions, or if the rate cannot be shown.
-    """
-    rate = rules.get("step_rate") if rules.get("clock") == Clock.REALTIME else None
-    if isinstance(rate, int | float) and SLOWEST <= rate <= FASTEST:
-        return float(rate)
-    return None

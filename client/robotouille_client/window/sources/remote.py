@@ -9,6 +9,7 @@ from robotouille.domain.rendering import Language, language_of
 from robotouille.episode import Controller
 from robotouille.protocol import messages
 from robotouille.protocol.messages import SeatInfo
+from robotouille.replay.rates import real_time_rate
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.signals import Signal
 from robotouille.world.presentation.wording import Wording
@@ -26,7 +27,7 @@ from robotouille_client.sansio.game_events import (
     StateChanged,
 )
 from robotouille_client.window.sources.feedback import Blockages, ChatLog, Feedback
-from robotouille_client.window.sources.playout import Playout, ShownStep, real_time_rate
+from robotouille_client.window.sources.playout import Playout, ShownStep
 from robotouille_client.window.sources.texts import (
     clock_words,
     comings_and_goings,

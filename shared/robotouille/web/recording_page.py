@@ -20,21 +20,21 @@ from robotouille.domain.pictures import PictureError, plain_picture, read_pictur
 from robotouille.domain.rendering import RenderingFile, rendering_of
 from robotouille.domain.task import Task
 from robotouille.episode import TEAM_TOPIC, RejectionKind
-from robotouille.errors import RobotouilleError
+from robotouille.episode.tallies import Activity
+from robotouille.errors import RecordingError, RobotouilleError
 from robotouille.installation import VERSION
 from robotouille.protocol.states import StateReader, why_row
 from robotouille.replay.annotations import Codebook
 from robotouille.replay.controllers import Seating, seatings
 from robotouille.replay.distances import StateSource, estimates
-from robotouille.replay.measures import rejection_kind
+from robotouille.replay.measures import activities, rejection_kind
+from robotouille.replay.rates import recorded_rate
 from robotouille.replay.recording import Recording
 from robotouille.replay.timeline import DEPARTURES, pauses
 from robotouille.web.single_file import single_file
 from robotouille.web.site import STATIC, look_files
 from robotouille.world.unmet import UnmetKind, only_words, unmet_from
-from robotouille.world.world import State
-from robotouille_client.window.replay.history import UNSEEN
-from robotouille_client.window.replay.recorded_history import RecordedHistory
+from robotouille.world.world import State, World
 
 FORMAT = 1
 """Version of the data, for programs that read pages."""
@@ -44,8 +44,8 @@ SNAPSHOT = ("facts", "timers", "busy", "orders")
 """Fields of a recorded state that a snapshot has, besides the tables."""
 DELTA = ("objects", "atoms", "add", "remove", "timers", "busy", "orders")
 """Fields of a recorded step that a delta has."""
-ACTIVITIES = "sxabwi"
-"""Letter of each activity, in the order of `history.ACTIVITIES`, and `?` for an unknown one."""
+LETTERS = dict(zip(Activity, "sxabwi", strict=True))
+"""Letter of each activity. An unknown one has `?`."""
 EXPANSIONS = 500
 """Search budget of one plan for the steps to go."""
 
@@ -216,27 +216,28 @@ class _Reading:
         self._seated: dict[str, tuple[str, str]] = {}
         self._reader: StateReader | None = None
         self._snapshot: dict[str, Any] = {}
-        self._fault = ""
+        self._time = 0
+        self._times = [0]
+        self._lanes: dict[str, list[str]] = {player: [] for player in self._players}
+        self._fault = recording.damage
 
     def row(self) -> dict[str, Any]:
         """Return the recording as JSON values, up to its damage."""
-        recording, history = self._recording, RecordedHistory(self._recording)
-        self._fault = history.fault
-        self._read(history.length)
+        recording = self._recording
+        self._read()
         length = len(self._deltas)
-        times = list(history.times[: length + 1])
         rules, outcome = recording.header["rules"], recording.outcome
         return {
             "digest": hashlib.sha256(recording.stream).hexdigest(),
             "steps": length,
-            "max_steps": history.max_steps,
-            "rate": history.rate,
+            "max_steps": rules["max_steps"],
+            "rate": recorded_rate(rules),
             "clock": rules["clock"],
             # Differences are short numbers that repeat.
-            "times": [later - earlier for earlier, later in pairwise(times)],
+            "times": [later - earlier for earlier, later in pairwise(self._times)],
             "snapshot": self._snapshot,
             "deltas": self._deltas,
-            "lanes": [_letters(history.lanes[player][:length]) for player in self._players],
+            "lanes": ["".join(lane) for lane in self._lanes.values()],
             "actions": [list(action) for action in self._actions],
             "moves": self._moves,
             "seats": list(self._seatings(length)),
@@ -267,24 +268,45 @@ class _Reading:
                 rows = [seats[player] for player in self._players]
                 yield [step, [[self._names.shown(r.name), r.kind, r.controller] for r in rows]]
 
-    def _read(self, length: int) -> None:
-        # Checked frames have the right types, but their content may contradict the task.
+    def _read(self) -> None:
         try:
-            for frame in self._recording.each_frame():
-                kind, step = frame["kind"], len(self._deltas)
-                if kind == "state" and self._reader is None:
-                    self._begin(frame)
-                elif kind == "step":
-                    if step == length or frame["step"] != step + 1:
-                        return
-                    self._take(frame)
-                elif kind == "notes":
-                    for note in frame["notes"]:
-                        self._note(step, note)
+            for _, step in activities(self):
+                for player, lane in self._lanes.items():
+                    lane.append(LETTERS[step.did[player]] if player in step.did else "?")
+                self._times.append(self._time)
         except RobotouilleError as error:
             self._fault = self._fault or str(error)
+        # Frames are valid MessagePack but may hold anything. The part read so far can still be
+        # shown.
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+            self._fault = self._fault or f"its content is inconsistent: {error!r}"
         if self._reader is None:
             raise RobotouilleError(self._fault or "the recording has no state")
+        # The last step may be the one with the fault.
+        length = len(self._times) - 1
+        del self._deltas[length:], self._moves[length:]
+        self._log = [row for row in self._log if row[0] <= length]
+
+    def each_frame(self) -> Iterator[dict[str, Any]]:
+        """Yield the frames, each after it was converted."""
+        for frame in self._recording.each_frame():
+            step = len(self._deltas)
+            self._time = frame.get("t", 0)
+            if frame["kind"] == "state" and self._reader is None:
+                self._begin(frame)
+            elif frame["kind"] == "step":
+                if frame["step"] != step + 1:
+                    raise RecordingError(f"step {step + 1} is missing")
+                self._take(frame)
+            elif frame["kind"] == "notes":
+                for note in frame["notes"]:
+                    self._note(step, note)
+            yield frame
+
+    @property
+    def world(self) -> World:
+        """The world of the recording."""
+        return self._recording.world
 
     def _begin(self, frame: dict[str, Any]) -> None:
         tables = self._recording.header["tables"]
@@ -405,10 +427,6 @@ _NOTES: Mapping[str, Callable[[_Reading, Mapping[str, Any]], Row | None]] = {
     "roster": _Reading._roster,
     "rejected": _Reading._rejected,
 }
-
-
-def _letters(lane: Sequence[int]) -> str:
-    return "".join("?" if code == UNSEEN else ACTIVITIES[code] for code in lane)
 
 
 def steps_to_go(
