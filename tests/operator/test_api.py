@@ -65,7 +65,7 @@ TYPES = {"css": "text/css; charset=utf-8", "js": "text/javascript; charset=utf-8
 FILES = [("/", "index.html", "text/html; charset=utf-8")] + [
     (path, path[1:], TYPES[path.rpartition(".")[2]])
     for path in sorted(page_paths() - {"/"})
-    if path.endswith((".css", ".js"))
+    if path.endswith((".css", ".js")) and not path.startswith("/replay/")
 ]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from http import HTTPStatus
 from importlib.resources import files
 from typing import Annotated, Any, Literal
@@ -14,9 +14,12 @@ from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 from starlette.routing import Route
 
+from robotouille.web.bundle import bundle
+from robotouille.web.single_file import filled
+from robotouille.web.site import STATIC, module_text
 from robotouille_server.operator.event_streams import EventStreams
 from robotouille_server.operator.forwarding import NodeRequest
-from robotouille_server.operator.guard import SAFE
+from robotouille_server.operator.guard import POLICY, SAFE
 from robotouille_server.operator.load import ROWS_A_TURN, RequestRates
 from robotouille_server.operator.models import (
     AnnounceRequest,
@@ -45,6 +48,11 @@ TYPES = {
     ".js": "text/javascript; charset=utf-8",
     ".svg": "image/svg+xml",
 }
+REPLAY_HEAD = """<link rel="icon" href="icon.svg" type="image/svg+xml">
+    <link rel="stylesheet" href="replay/page.css">
+    <link rel="stylesheet" href="replay/replay.css">"""
+REPLAY_END = """<script type="module" src="show_replay.js"></script>"""
+REPLAY_POLICY = POLICY.replace("img-src 'self' data:", "img-src 'self' data: blob:")
 
 
 def page_routes() -> list[Route]:
@@ -55,7 +63,20 @@ def page_routes() -> list[Route]:
         if suffix in TYPES:
             path = "/" if file.name == "index.html" else f"/{file.name}"
             routes.append(_route(path, file.read_bytes(), TYPES[suffix]))
-    return routes
+    return [*routes, *_replay_routes()]
+
+
+def _replay_routes() -> Iterator[Route]:
+    """Yield routes for the page that shows a recording, whose name is after the `#`."""
+    page = (STATIC / "replay/index.html").read_text(encoding="utf-8")
+    html = filled(page, head=REPLAY_HEAD, end=REPLAY_END).encode()
+    # The replay shows pictures from the data of a recording.
+    yield _route("/replay", html, TYPES[".html"], policy=REPLAY_POLICY)
+    for name in ("page.css", "replay/replay.css"):
+        path = f"/replay/{name.rpartition('/')[2]}"
+        yield _route(path, (STATIC / name).read_bytes(), TYPES[".css"])
+    modules = bundle("replay/main.js", module_text).encode()
+    yield _route("/replay/bundle.js", modules, TYPES[".js"])
 
 
 def page_paths() -> frozenset[str]:
@@ -63,9 +84,15 @@ def page_paths() -> frozenset[str]:
     return frozenset(route.path for route in page_routes())
 
 
-def _route(path: str, content: bytes, kind: str) -> Route:
+def _route(path: str, content: bytes, kind: str, policy: str = POLICY) -> Route:
+    headers = {
+        "content-type": kind,
+        "cache-control": "no-cache",
+        "content-security-policy": policy,
+    }
+
     async def serve(request: Request) -> Response:
-        return Response(content, headers={"content-type": kind, "cache-control": "no-cache"})
+        return Response(content, headers=headers)
 
     return Route(path, serve, methods=["GET"])
 
@@ -268,6 +295,16 @@ async def recording(service: TheService, name: str) -> Response:
         "content-length": str(size),
     }
     return StreamingResponse(content, media_type="application/octet-stream", headers=headers)
+
+
+@router.get(
+    "/recordings/{name}/replay",
+    summary="Return the data of the page that shows a recording, as compressed JSON",
+    response_class=Response,
+    responses=FILE,
+)
+async def replay(service: TheService, name: str) -> Response:
+    return Response(await service.replay(name), media_type="application/gzip")
 
 
 @router.get(

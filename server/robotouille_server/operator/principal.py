@@ -27,6 +27,8 @@ CODES = {
     "session/unknown": "the session is not in the episode",
     "recording/unknown": "no recording has this name",
     "recording/unreadable": "the recordings folder or a file in it cannot be read",
+    "recording/unshown": "the recording is too large or takes too long to show as a page, or has "
+    "no state; the message names the reason",
     "node/keys": "the episode's node signs tokens with other keys, so it refuses yours",
     "node/unavailable": "the episode's node does not answer, or has no operator page",
     "node/size": "the answer is too large to be forwarded; the message names the episode's node",

@@ -53,6 +53,7 @@ from robotouille_server.operator.recordings import (
     RecordingStore,
     pieces,
 )
+from robotouille_server.operator.replay_pages import ReplayPages
 from robotouille_server.operator.room_transcripts import RoomTranscript, RoomTranscripts
 from robotouille_server.operator.rows import (
     MetricsHistory,
@@ -98,6 +99,7 @@ class OperatorService:
         storage: ReadableStorage = server.storage or NoRecordings()
         self._jobs = HeavyJobs()
         self._store = RecordingStore(storage)
+        self._replays = ReplayPages(server.settings.tasks)
         self._transcripts = RoomTranscripts(storage, self._jobs)
         self._history.sample(self._opened)
         self._principal = Principal()
@@ -256,21 +258,32 @@ class OperatorService:
 
     async def recording(self, name: str) -> tuple[int, AsyncIterator[bytes]]:
         """Return the size and content of a recording, up to its last complete frame."""
-        closed_name = name.removesuffix(".part")
-        if self._principal.only_episode and not closed_name.endswith(self._only_file()):
-            self._principal.require_episode()
-        try:
-            file, size = await self._jobs.run(self._store.opened, name, self._live_size(name))
-        except RequestRefusedError as refused:
-            node = self.others.place_of_recording(name) if self.others is not None else None
-            if refused.code != "recording/unknown" or node is None or self._principal.via:
-                raise
-            raise EpisodeElsewhereError(node, name) from None
+        file, size = await self._found_recording(name)
         if self.others is not None and self._principal.via and size > MAX_ANSWER_BYTES:
             file.close()
             raise too_large(self.others.own)
         self._note("recording", file=name)
         return size, pieces(file, size)
+
+    async def replay(self, name: str) -> bytes:
+        """Return the data of the page that shows a recording, as compressed JSON."""
+        file, size = await self._found_recording(name)
+        data = await self._replays.data(name, file, size)
+        self._note("replay", file=name)
+        return data
+
+    async def _found_recording(self, name: str) -> tuple[BinaryIO, int]:
+        """Return the file of a recording and its size, or refuse it, or send to its node."""
+        closed_name = name.removesuffix(".part")
+        if self._principal.only_episode and not closed_name.endswith(self._only_file()):
+            self._principal.require_episode()
+        try:
+            return await self._jobs.run(self._store.opened, name, self._live_size(name))
+        except RequestRefusedError as refused:
+            node = self.others.place_of_recording(name) if self.others is not None else None
+            if refused.code != "recording/unknown" or node is None or self._principal.via:
+                raise
+            raise EpisodeElsewhereError(node, name) from None
 
     def _live_size(self, name: str) -> int | None:
         """Return the size of a recording that an episode of this server writes."""

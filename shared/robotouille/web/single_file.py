@@ -28,7 +28,7 @@ def single_file(entry: str, page: str, styles: list[str], data: Any) -> str:
 
     Args:
         entry: The first module. It exports `start`, which receives the data.
-        page: HTML with the places `{policy}`, `{style}`, `{boot}`, `{modules}` and `{data}`.
+        page: HTML with the places `{head}` and `{end}`.
         styles: Style sheets, in order.
         data: JSON values.
     """
@@ -46,14 +46,21 @@ def single_file(entry: str, page: str, styles: list[str], data: Any) -> str:
         )
     )
     text = json.dumps(data, ensure_ascii=False, separators=(",", ":"))
-    parts = {
-        "policy": policy,
-        "style": style,
-        "boot": boot,
-        "modules": packed(bundle(entry, module_text).encode()),
-        # Recordings may contain lone surrogates.
-        "data": packed(text.encode("utf-8", "replace")),
-    }
+    modules = packed(bundle(entry, module_text).encode())
+    # Recordings may contain lone surrogates.
+    content = packed(text.encode("utf-8", "replace"))
+    return filled(
+        page,
+        head=f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
+        f"    <style>{style}</style>",
+        end=f'<script type="application/octet-stream" id="modules">{modules}</script>\n'
+        f'    <script type="application/octet-stream" id="data">{content}</script>\n'
+        f"    <script>{boot}</script>",
+    )
+
+
+def filled(page: str, **parts: str) -> str:
+    """Return HTML with parts in place of their names in braces."""
     return re.sub(r"\{(\w+)\}", lambda match: parts[match[1]], page)
 
 

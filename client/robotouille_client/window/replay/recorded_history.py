@@ -10,14 +10,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from robotouille.domain.related_files import rendering_path
 from robotouille.domain.rendering import NO_WORDS, Language, language_of
-from robotouille.domain.task import Task
 from robotouille.episode import TEAM_TOPIC, Controller, RejectionKind
 from robotouille.episode.tallies import Activity
 from robotouille.errors import RecordingError, RobotouilleError
 from robotouille.replay.container import MAGIC, frame_ends, frame_value
 from robotouille.replay.controllers import Seating, seating_after
+from robotouille.replay.looks import choose_look
 from robotouille.replay.measures import activities, rejection_kind
 from robotouille.replay.rates import recorded_rate
 from robotouille.replay.recording import Recording, read_recording
@@ -46,17 +45,8 @@ def open_shown(path: Path, tasks: Path | None = None, *, damaged: bool = False) 
     """
     recording = read_recording(path, damaged=damaged)
     folders = [path.parent, Path.cwd()]
-    for folder in folders if tasks is None else [tasks, *folders]:
-        rendering = _rendering_in(folder, recording.task)
-        if rendering is not None:
-            recording.task = replace(recording.task, source=str(rendering))
-            break
+    choose_look(recording, folders if tasks is None else [tasks, *folders])
     return recording
-
-
-def _rendering_in(folder: Path, task: Task) -> Path | None:
-    path = rendering_path(task.domain, folder)
-    return path if path.parent == folder else None
 
 
 NOT_PRESENT = (Controller.FREE, Controller.ABSENT, Controller.SUBSTITUTE)

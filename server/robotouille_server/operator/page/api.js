@@ -41,6 +41,12 @@ async function renewToken(fault) {
 
 export const get = async (path) => (await send(path)).json();
 
+// The content of compressed JSON.
+export async function getPacked(path) {
+  const { body } = await send(path);
+  return new Response(body.pipeThrough(new DecompressionStream("gzip"))).json();
+}
+
 export async function post(path, body = {}) {
   const headers = { "Content-Type": "application/json", "X-Robotouille-Operator": "1" };
   return (await send(path, { method: "POST", headers, body: JSON.stringify(body) })).json();

@@ -10,6 +10,8 @@ const WORDS = {
 };
 
 const MAX_ARCHIVED = 500;
+// The new tab gets a copy of the token.
+export const IN_NEW_TAB = { target: "_blank", rel: "opener" };
 
 function when(created) {
   const parts = created.match(/^(\d{4})-?(\d\d)-?(\d\d)T(\d\d):?(\d\d):?(\d\d)/);
@@ -29,8 +31,9 @@ function recording(row, ticked) {
     class: "button", href: `api/recordings/${row.name}`, download: row.name,
     onclick: (event) => attempt(() => download(event)),
   }, icon("save"), h("span", {}, "Download"));
+  const replay = h("a", { class: "button", href: `replay#${encodeURIComponent(row.name)}`, ...IN_NEW_TAB }, icon("play"), h("span", {}, "Replay"));
   return {
-    root: h("article", { class: "recording" }, tick, h("div", {}, title, name), outcome, figures, save),
+    root: h("article", { class: "recording" }, tick, h("div", {}, title, name), outcome, figures, h("div", { class: "actions" }, replay, save)),
     update(next) {
       const task = taskTitle(next.task || next.name);
       setText(title, task.title);

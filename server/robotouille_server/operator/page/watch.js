@@ -6,6 +6,7 @@ import { attempt, toast } from "./dialogs.js";
 import { controllerWords, heading, phaseBadge, progress, recordingWords, updatePauseButton, stepWords } from "./episodes.js";
 import { pageAddress, spectatorAddress } from "./links.js";
 import { nodeName } from "./nodes.js";
+import { IN_NEW_TAB } from "./recordings.js";
 import { Rows, button, bytes, h, icon, latency, setAttribute, setText } from "./dom.js";
 
 const traffic = (row) => (row.received_bytes ? `${bytes(row.received_bytes)} in` : "");
@@ -97,6 +98,7 @@ export class Watch {
     this.spectate = h("p", {}, h("span", {}, "In a browser, as a spectator"), button("eye", "Make a link", () => this.invite(), "small"));
     this.recording = h("span");
     this.save = h("a", { class: "button small", onclick: (event) => attempt(() => download(event)) }, icon("save"), h("span", {}, "Download"));
+    this.replay = h("a", { class: "button small", ...IN_NEW_TAB }, icon("play"), h("span", {}, "Replay"));
     this.say = this.sayForm();
     this.root.append(h("div", { class: "scroll" },
       h("div", { class: "head" },
@@ -106,12 +108,12 @@ export class Watch {
         h("div", { class: "actions" }, this.pauseButton, this.endButton)),
       h("h3", {}, "Seats and spectators"), this.people,
       h("h3", {}, "Events"), this.log, this.say,
-      h("h3", {}, "State as text"), this.text,
       h("h3", {}, "Watch and record"),
       h("div", { class: "elsewhere" },
         this.spectate,
         h("p", {}, this.command, button("copy", "Copy the command", () => this.copy(this.command), "icon small")),
-        h("p", {}, this.recording, this.save)),
+        h("p", {}, this.recording, this.replay, this.save)),
+      h("h3", {}, "State as text"), this.text,
     ));
   }
 
@@ -152,7 +154,9 @@ export class Watch {
     setText(this.recording, recordingWords({ ...row, problem: "" }));
     // In a cluster, there is no file before the end.
     this.save.hidden = !row.recording || (!ended && (!row.recording.size || Boolean(row.node)));
+    this.replay.hidden = this.save.hidden;
     if (row.recording) {
+      setAttribute(this.replay, "href", `replay#${encodeURIComponent(row.recording.name)}`);
       setAttribute(this.save, "href", `api/recordings/${row.recording.name}`);
       setAttribute(this.save, "download", row.recording.name);
     }

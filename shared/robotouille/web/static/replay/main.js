@@ -210,8 +210,9 @@ class Page {
     addEventListener("keydown", (event) => {
       const target = /** @type {HTMLElement} */ (event.target);
       const does = keys.get(event.key);
-      // Space presses the focused button, and arrows choose the speed.
-      const taking = event.key === " " ? "button, select, dialog, input" : "select, dialog, input";
+      // Space presses the focused button, and arrows choose the speed or scroll the goal.
+      const taking = event.key === " " ? "button, select, dialog, input"
+        : "select, dialog, input, #tickets";
       if (target.closest(taking) || event.ctrlKey || event.metaKey || event.altKey) return;
       if (does) does(event);
       if (does || this.coding?.press(event.key, event.shiftKey)) event.preventDefault();
