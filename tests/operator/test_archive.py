@@ -112,7 +112,7 @@ async def test_archive_is_sent_in_pieces(tmp_path: Path, monkeypatch: pytest.Mon
 
 @virtual
 async def test_limits_are_explained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robotouille_server.operator.service.MAX_ARCHIVED", 3)
+    monkeypatch.setattr("robotouille_server.operator.stored_recordings.MAX_ARCHIVED", 3)
     async with viewing(tmp_path) as (_, _, api):
         files = filled(tmp_path, 4)
         answer = await api.http.get("/api/archive")

@@ -279,7 +279,7 @@ async def announce_to_all(service: TheService, request: AnnounceRequest) -> Done
 async def recordings(
     service: TheService, search: Search = "", limit: Limit = 50, offset: Offset = 0
 ) -> Response:
-    return _json(await service.recordings(search, limit, offset))
+    return _json(await service.recordings.page(search, limit, offset))
 
 
 @router.get(
@@ -289,7 +289,7 @@ async def recordings(
     responses=FILE,
 )
 async def recording(service: TheService, name: str) -> Response:
-    size, content = await service.recording(name)
+    size, content = await service.recordings.content(name)
     headers = {
         "content-disposition": f'attachment; filename="{name}"',
         "content-length": str(size),
@@ -304,7 +304,7 @@ async def recording(service: TheService, name: str) -> Response:
     responses=FILE,
 )
 async def replay(service: TheService, name: str) -> Response:
-    return Response(await service.replay(name), media_type="application/gzip")
+    return Response(await service.recordings.replay(name), media_type="application/gzip")
 
 
 @router.get(
@@ -320,11 +320,11 @@ async def archive(
     name: Annotated[list[str], Query(max_length=100, description="Recordings; all without.")] = [],  # noqa: B006
     search: Search = "",
 ) -> Response:
-    names = await service.archived(name, search)
+    names = await service.recordings.archived(name, search)
     rates.charge(principal.token_subject, len(names) // ROWS_A_TURN)
     headers = {"content-disposition": 'attachment; filename="recordings.tar"'}
     return StreamingResponse(
-        service.archive(names), media_type="application/x-tar", headers=headers
+        service.recordings.archive(names), media_type="application/x-tar", headers=headers
     )
 
 

@@ -8,6 +8,7 @@ from http import HTTPStatus
 
 from robotouille.errors import RobotouilleError
 from robotouille_server.auth import RoleGrant, same_episode
+from robotouille_server.runtime.logs import AuditLog
 
 CODES = {
     "host/unknown": "the `Host` header is not an allowed name; see the setting `operator_names`",
@@ -115,3 +116,24 @@ class Principal:
         if not self.may_see(*names):
             message = f"your token is valid only for the episode {self.only_episode}"
             raise RequestRefusedError(HTTPStatus.FORBIDDEN, "auth/episode", message)
+
+
+def note(
+    audit: AuditLog,
+    principal: Principal,
+    what: str,
+    episode: str = "",
+    result: str = "done",
+    **details: str,
+) -> None:
+    """Note an action of a principal in the audit log."""
+    if principal.via:
+        details["via"] = principal.via
+    audit.note(
+        what,
+        by=principal.name,
+        token=principal.token_id,
+        episode=episode,
+        result=result,
+        details=details,
+    )

@@ -276,8 +276,7 @@ class RecordingStore:
             live_size: The size of the recording if an episode of this server still writes it.
         """
         if name not in self._names():
-            message = f"no recording {name!r}; it may have been closed (without .part) or moved"
-            raise RequestRefusedError(HTTPStatus.NOT_FOUND, "recording/unknown", message)
+            raise unknown_recording(name)
         try:
             file = self._storage.open(name)
             end = _intact(file) if live_size is None else live_size
@@ -332,6 +331,12 @@ async def pieces(file: BinaryIO, size: int) -> AsyncIterator[bytes]:
         while size > 0 and (piece := await asyncio.to_thread(file.read, min(size, DOWNLOAD_PIECE))):
             size -= len(piece)
             yield piece
+
+
+def unknown_recording(name: str) -> RequestRefusedError:
+    """Return the refusal of a request for a recording that is not in the list."""
+    message = f"no recording {name!r}; it may have been closed (without .part) or moved"
+    return RequestRefusedError(HTTPStatus.NOT_FOUND, "recording/unknown", message)
 
 
 def _unreadable(what: str, error: OSError) -> RequestRefusedError:

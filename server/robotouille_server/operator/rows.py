@@ -24,6 +24,8 @@ from robotouille_server.operator.models import (
     RecordingState,
     SeatRow,
 )
+from robotouille_server.operator.principal import Principal
+from robotouille_server.rooms.lobby import Lobby
 from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.room import Room
 from robotouille_server.runtime.metrics import BUCKETS, Metrics
@@ -297,3 +299,11 @@ def _latency(session: Session | None) -> float | None:
     # The connection reports 0 until the first ping was answered.
     seconds = session.peer.latency
     return round(seconds * 1000, 1) if seconds > 0 else None
+
+
+def rooms_of(lobby: Lobby, principal: Principal) -> list[Room]:
+    """Return the rooms that a principal may see, newest first."""
+    rooms = list(lobby.rooms.values())[::-1]
+    if not principal.only_episode:
+        return rooms
+    return [room for room in rooms if principal.may_see(room.id, room.code)]

@@ -5,20 +5,16 @@ from __future__ import annotations
 import copy
 import secrets
 from collections import Counter
-from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Iterable
 from functools import partial
 from http import HTTPStatus
 from operator import itemgetter
-from typing import BinaryIO
 
 from robotouille.episode import Phase
 from robotouille.errors import ProtocolError
 from robotouille.installation import VERSION
 from robotouille.planning.policies.skill import SKILLS
-from robotouille.replay.file_names import CLOSED
 from robotouille_server.app import Server
-from robotouille_server.operator.archive import MAX_ARCHIVED, archive
-from robotouille_server.operator.forwarding import MAX_ANSWER_BYTES, too_large
 from robotouille_server.operator.load import ROOMS_A_TURN, ROWS_A_TURN, HeavyJobs, Turns
 from robotouille_server.operator.merging import PHASES, rank
 from robotouille_server.operator.models import (
@@ -33,7 +29,6 @@ from robotouille_server.operator.models import (
     OpenRequest,
     Overview,
     RecordingFault,
-    RecordingPage,
     ServerInfo,
     SpectatorLink,
     TaskList,
@@ -46,14 +41,11 @@ from robotouille_server.operator.other_nodes import (
     OverviewQuery,
     cluster_node,
 )
-from robotouille_server.operator.principal import Principal, RequestRefusedError
+from robotouille_server.operator.principal import Principal, RequestRefusedError, note
 from robotouille_server.operator.recordings import (
     NoRecordings,
     ReadableStorage,
-    RecordingStore,
-    pieces,
 )
-from robotouille_server.operator.replay_pages import ReplayPages
 from robotouille_server.operator.room_transcripts import RoomTranscript, RoomTranscripts
 from robotouille_server.operator.rows import (
     MetricsHistory,
@@ -61,9 +53,10 @@ from robotouille_server.operator.rows import (
     by_label,
     gauge,
     phase_of,
-    recording_name,
+    rooms_of,
     shown_code,
 )
+from robotouille_server.operator.stored_recordings import StoredRecordings
 from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.room import Room
 from robotouille_server.runtime.logs import get_logger
@@ -98,8 +91,7 @@ class OperatorService:
         self._history = MetricsHistory(server.metrics)
         storage: ReadableStorage = server.storage or NoRecordings()
         self._jobs = HeavyJobs()
-        self._store = RecordingStore(storage)
-        self._replays = ReplayPages(server.settings.tasks)
+        self.recordings = StoredRecordings(server, storage, self._jobs, self.turns, self.others)
         self._transcripts = RoomTranscripts(storage, self._jobs)
         self._history.sample(self._opened)
         self._principal = Principal()
@@ -110,6 +102,7 @@ class OperatorService:
         # A copy shares the histories and caches, so one service per request is cheap.
         service = copy.copy(self)
         service._principal = principal
+        service.recordings = self.recordings.for_principal(principal)
         return service
 
     def tick(self) -> None:
@@ -128,7 +121,7 @@ class OperatorService:
 
     async def part(self, query: OverviewQuery) -> NodeOverview:
         """Return this server's part of the overview."""
-        rooms = self._rooms()
+        rooms = rooms_of(self._server.lobby, self._principal)
         phases: Counter[str] = Counter()
         found: list[tuple[int, Room]] = []
         async for some in self.turns.parts(rooms, ROOMS_A_TURN):
@@ -202,110 +195,6 @@ class OperatorService:
             return _moving("this episode is moving to another node; try again in a moment")
         return EpisodeElsewhereError(node, name)
 
-    async def recordings(self, search: str, limit: int, offset: int) -> RecordingPage:
-        """Return a page of the list of recordings, newest first."""
-        live = {
-            recording_name(room): room.id
-            for room in self._rooms()
-            if room.episode.phase is not Phase.ENDED
-        }
-        search = self._limited(search)
-        return await self._jobs.run(self._store.page, search, limit, offset, live)
-
-    def _limited(self, search: str) -> str:
-        """Return a search that finds only recordings that the principal may see."""
-        return f"{search} {self._only_file()}" if self._principal.only_episode else search
-
-    async def archived(self, names: Collection[str], search: str) -> list[str]:
-        """Return the names of the recordings in an archive.
-
-        Args:
-            names: The wanted recordings; empty for all that a search finds.
-            search: Words that all occur in the names.
-
-        Raises:
-            RequestRefusedError: A name is unknown, or there are too many recordings.
-        """
-        found = await self._jobs.run(self._store.found, self._limited(search))
-        if unknown := next((name for name in names if name not in found), None):
-            message = f"no recording {unknown!r}; it may have been closed (without .part) or moved"
-            raise RequestRefusedError(HTTPStatus.NOT_FOUND, "recording/unknown", message)
-        wanted = [name for name in found if not names or name in names]
-        if len(wanted) > MAX_ARCHIVED:
-            message = (
-                f"{len(wanted)} recordings match, and an archive holds {MAX_ARCHIVED}; "
-                "search for fewer"
-            )
-            status = HTTPStatus.BAD_REQUEST
-            raise RequestRefusedError(status, "request/invalid", message, field="search")
-        return wanted
-
-    def archive(self, names: Sequence[str]) -> AsyncIterator[bytes]:
-        """Return a tar file of recordings, each up to its last complete frame."""
-        self._note("archive", count=str(len(names)))
-        return archive(names, self._open_recording, self._server.wall())
-
-    async def _open_recording(self, name: str) -> tuple[BinaryIO, int]:
-        """Open a recording, also if its episode has ended since it was listed."""
-        await self.turns.next()
-        try:
-            return await self._jobs.run(self._store.opened, name, self._live_size(name))
-        except RequestRefusedError:
-            closed = name.removesuffix(".part")
-            if closed == name:
-                raise
-            return await self._jobs.run(self._store.opened, closed, None)
-
-    async def recording(self, name: str) -> tuple[int, AsyncIterator[bytes]]:
-        """Return the size and content of a recording, up to its last complete frame."""
-        file, size = await self._found_recording(name)
-        if self.others is not None and self._principal.via and size > MAX_ANSWER_BYTES:
-            file.close()
-            raise too_large(self.others.own)
-        self._note("recording", file=name)
-        return size, pieces(file, size)
-
-    async def replay(self, name: str) -> bytes:
-        """Return the data of the page that shows a recording, as compressed JSON."""
-        file, size = await self._found_recording(name)
-        data = await self._replays.data(name, file, size)
-        self._note("replay", file=name)
-        return data
-
-    async def _found_recording(self, name: str) -> tuple[BinaryIO, int]:
-        """Return the file of a recording and its size, or refuse it, or send to its node."""
-        closed_name = name.removesuffix(".part")
-        if self._principal.only_episode and not closed_name.endswith(self._only_file()):
-            self._principal.require_episode()
-        try:
-            return await self._jobs.run(self._store.opened, name, self._live_size(name))
-        except RequestRefusedError as refused:
-            node = self.others.place_of_recording(name) if self.others is not None else None
-            if refused.code != "recording/unknown" or node is None or self._principal.via:
-                raise
-            raise EpisodeElsewhereError(node, name) from None
-
-    def _live_size(self, name: str) -> int | None:
-        """Return the size of a recording that an episode of this server writes."""
-        journals = (room.journal for room in self._server.lobby.rooms.values())
-        return next((j.size for j in journals if j is not None and j.name == name), None)
-
-    def _only_file(self) -> str:
-        """Return the end of the name of the only recording that the principal may see.
-
-        Recordings are named after the episode's id. If the token has a code instead, the id is
-        known only while the episode is on the server.
-        """
-        ids = (room.id for room in self._rooms())
-        return f"_{next(ids, self._principal.only_episode.lower())}{CLOSED}"
-
-    def _rooms(self) -> list[Room]:
-        """Return the rooms that the principal may see, newest first."""
-        rooms = list(self._server.lobby.rooms.values())[::-1]
-        if not self._principal.only_episode:
-            return rooms
-        return [room for room in rooms if self._principal.may_see(room.id, room.code)]
-
     def _alerts(self) -> list[AlertRow]:
         if self._principal.only_episode:
             return []
@@ -342,7 +231,7 @@ class OperatorService:
             )
             for text, those in troubled.items()
         ]
-        ours = self._only_file() if self._principal.only_episode else ""
+        ours = self.recordings.only_file() if self._principal.only_episode else ""
         unrestored = [one for one in self._server.lobby.unrestored.items() if ours in one[0]]
         return faults + [
             RecordingFault(
@@ -451,17 +340,7 @@ class OperatorService:
         self._note(what, episode, result=code)
 
     def _note(self, what: str, episode: str = "", result: str = "done", **details: str) -> None:
-        principal = self._principal
-        if principal.via:
-            details["via"] = principal.via
-        self._server.audit.note(
-            what,
-            by=principal.name,
-            token=principal.token_id,
-            episode=episode,
-            result=result,
-            details=details,
-        )
+        note(self._server.audit, self._principal, what, episode, result, **details)
 
     def watch(self, name: str) -> EpisodeWatch:
         """Return a view of one episode that can be read repeatedly."""

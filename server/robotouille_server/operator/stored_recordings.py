@@ -1,0 +1,152 @@
+"""Recordings of a server for operators: list, downloads, archives and replays."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import AsyncIterator, Collection, Sequence
+from http import HTTPStatus
+from typing import BinaryIO
+
+from robotouille.episode import Phase
+from robotouille.replay.file_names import CLOSED
+from robotouille_server.app import Server
+from robotouille_server.operator.archive import MAX_ARCHIVED, archive
+from robotouille_server.operator.forwarding import MAX_ANSWER_BYTES, too_large
+from robotouille_server.operator.load import HeavyJobs, Turns
+from robotouille_server.operator.models import RecordingPage
+from robotouille_server.operator.other_nodes import EpisodeElsewhereError, OtherNodes
+from robotouille_server.operator.principal import Principal, RequestRefusedError, note
+from robotouille_server.operator.recordings import (
+    ReadableStorage,
+    RecordingStore,
+    pieces,
+    unknown_recording,
+)
+from robotouille_server.operator.replay_pages import ReplayPages
+from robotouille_server.operator.rows import recording_name, rooms_of
+
+
+class StoredRecordings:
+    """Recordings of a server's storage, limited to what a principal may see."""
+
+    def __init__(
+        self,
+        server: Server,
+        storage: ReadableStorage,
+        jobs: HeavyJobs,
+        turns: Turns,
+        others: OtherNodes | None,
+    ) -> None:
+        self._server = server
+        self._store = RecordingStore(storage)
+        self._replays = ReplayPages(server.settings.tasks)
+        self._jobs = jobs
+        self._turns = turns
+        self._others = others
+        self._principal = Principal()
+
+    def for_principal(self, principal: Principal) -> StoredRecordings:
+        """Return these recordings for another principal."""
+        recordings = copy.copy(self)
+        recordings._principal = principal
+        return recordings
+
+    async def page(self, search: str, limit: int, offset: int) -> RecordingPage:
+        """Return a page of the list of recordings, newest first."""
+        live = {
+            recording_name(room): room.id
+            for room in rooms_of(self._server.lobby, self._principal)
+            if room.episode.phase is not Phase.ENDED
+        }
+        search = self._limited(search)
+        return await self._jobs.run(self._store.page, search, limit, offset, live)
+
+    def _limited(self, search: str) -> str:
+        """Return a search that finds only recordings that the principal may see."""
+        return f"{search} {self.only_file()}" if self._principal.only_episode else search
+
+    async def archived(self, names: Collection[str], search: str) -> list[str]:
+        """Return the names of the recordings in an archive.
+
+        Args:
+            names: The wanted recordings; empty for all that a search finds.
+            search: Words that all occur in the names.
+
+        Raises:
+            RequestRefusedError: A name is unknown, or there are too many recordings.
+        """
+        found = await self._jobs.run(self._store.found, self._limited(search))
+        wanted = set(names)
+        if unknown := wanted.difference(found):
+            raise unknown_recording(min(unknown))
+        chosen = [name for name in found if not wanted or name in wanted]
+        if len(chosen) > MAX_ARCHIVED:
+            message = (
+                f"{len(chosen)} recordings match, and an archive holds {MAX_ARCHIVED}; "
+                "search for fewer"
+            )
+            status = HTTPStatus.BAD_REQUEST
+            raise RequestRefusedError(status, "request/invalid", message, field="search")
+        return chosen
+
+    def archive(self, names: Sequence[str]) -> AsyncIterator[bytes]:
+        """Return a tar file of recordings, each up to its last complete frame."""
+        self._note("archive", count=str(len(names)))
+        return archive(names, self._opened_again, self._server.wall())
+
+    async def _opened_again(self, name: str) -> tuple[BinaryIO, int]:
+        """Open a recording, also if its episode has ended since it was listed."""
+        await self._turns.next()
+        try:
+            return await self._jobs.run(self._store.opened, name, self._live_size(name))
+        except RequestRefusedError:
+            closed = name.removesuffix(".part")
+            if closed == name:
+                raise
+            return await self._jobs.run(self._store.opened, closed, None)
+
+    async def content(self, name: str) -> tuple[int, AsyncIterator[bytes]]:
+        """Return the size and content of a recording, up to its last complete frame."""
+        file, size = await self._opened(name)
+        if self._others is not None and self._principal.via and size > MAX_ANSWER_BYTES:
+            file.close()
+            raise too_large(self._others.own)
+        self._note("recording", file=name)
+        return size, pieces(file, size)
+
+    async def replay(self, name: str) -> bytes:
+        """Return the data of the page that shows a recording, as compressed JSON."""
+        file, size = await self._opened(name)
+        data = await self._replays.data(name, file, size)
+        self._note("replay", file=name)
+        return data
+
+    async def _opened(self, name: str) -> tuple[BinaryIO, int]:
+        """Return the file of a recording and its size, or refuse it, or send to its node."""
+        closed_name = name.removesuffix(".part")
+        if self._principal.only_episode and not closed_name.endswith(self.only_file()):
+            self._principal.require_episode()
+        try:
+            return await self._jobs.run(self._store.opened, name, self._live_size(name))
+        except RequestRefusedError as refused:
+            node = self._others.place_of_recording(name) if self._others is not None else None
+            if refused.code != "recording/unknown" or node is None or self._principal.via:
+                raise
+            raise EpisodeElsewhereError(node, name) from None
+
+    def _live_size(self, name: str) -> int | None:
+        """Return the size of a recording that an episode of this server writes."""
+        journals = (room.journal for room in self._server.lobby.rooms.values())
+        return next((j.size for j in journals if j is not None and j.name == name), None)
+
+    def only_file(self) -> str:
+        """Return the end of the name of the only recording that the principal may see.
+
+        Recordings are named after the episode's id. If the token has a code instead, the id is
+        known only while the episode is on the server.
+        """
+        ids = (room.id for room in rooms_of(self._server.lobby, self._principal))
+        return f"_{next(ids, self._principal.only_episode.lower())}{CLOSED}"
+
+    def _note(self, what: str, **details: str) -> None:
+        note(self._server.audit, self._principal, what, **details)
