@@ -80,6 +80,31 @@ async def until(game: Game, kind: type) -> Any:
     return event
 
 
+class TestOpening:
+    @virtual
+    async def test_episodes_go_to_the_nodes_with_the_least_load(self, tmp_path: Path) -> None:
+        async with lab(tmp_path) as at:
+            body = {"count": 6, "create": {"task": TASK, "tokens": True}}
+            answer = (await at.asked.post("/api/episodes", **body)).json()
+            opened = {one["episode"]: one["links"]["robot1"] for one in answer["opened"]}
+            homes = {room: node for node in at.nodes for room in node.rooms if room != at.episode}
+            assert homes.keys() == opened.keys()
+            assert len({node.url for node in homes.values()}) == 3
+            for episode, link in opened.items():
+                async with connect(at.nodes[0].url, name="cem", token=link) as cem:
+                    game = await cem.join(link.partition(".")[0])
+                    assert game.episode == episode
+
+    @virtual
+    async def test_spectators_of_any_episode_get_a_link(self, tmp_path: Path) -> None:
+        async with lab(tmp_path) as at:
+            answer = await at.asked.post(f"{at.path}/spectator_link")
+            link = answer.json()["link"]
+            async with connect(at.nodes[0].url, name="eve", token=link) as eve:
+                game = await eve.join(at.code, role="spectator")
+                assert game.episode == at.episode
+
+
 class TestOverview:
     @virtual
     async def test_every_node_shows_the_episodes_of_all(self, tmp_path: Path) -> None:
@@ -246,7 +271,7 @@ class TestEpisodes:
             await asked.do(f"{at.path}/end")
             await asyncio.sleep(2)  # The recording is stored.
             name = (await asked.get(at.path))["recording"]["name"]
-            for module in ("service", "answering"):
+            for module in ("stored_recordings", "answering"):
                 name_of_limit = f"robotouille_server.operator.{module}.MAX_ANSWER_BYTES"
                 monkeypatch.setattr(name_of_limit, 100)
             for path in (f"/api/recordings/{name}", at.path):
