@@ -52,7 +52,10 @@ async function start() {
     const codebook = sessionStorage.getItem(CODEBOOK);
     if (codebook) data.codebook = JSON.parse(codebook);
     await replay.start(data);
-    document.getElementById("help-button").before(...chooser());
+    const help = document.getElementById("help-button");
+    const tools = h("div", { class: "tools" }, ...chooser());
+    help.replaceWith(tools);
+    tools.append(help);
   } catch (error) {
     fail(`The recording cannot be shown: ${error.message}`);
   }
