@@ -32,13 +32,20 @@ from robotouille_server.mqtt.limits import (
     COMMANDS_BURST,
 )
 from robotouille_server.mqtt.messages import (
-    MAX_OPENED,
     MAX_PACKET_BYTES,
     MAX_PROPERTY_BYTES,
     MAX_WATCH_SECONDS,
 )
-from robotouille_server.operator import connections, event_streams, load, recordings
+from robotouille_server.operator import (
+    connections,
+    event_streams,
+    load,
+    recordings,
+    replay_pages,
+)
+from robotouille_server.operator.archive import MAX_ARCHIVED
 from robotouille_server.operator.guard import MAX_BODY, REFUSED_A_MINUTE
+from robotouille_server.operator.models import MAX_OPENED
 from robotouille_server.rooms.episode_setup import MAX_FINISHED
 from robotouille_server.rooms.lobby import LINGER_SECONDS, MAX_REMATCHES
 from robotouille_server.rooms.participants.seat_limits import (
@@ -367,6 +374,17 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               "HTTP status 503, `operator/busy`, with `Retry-After`."),
         Limit("Bytes of a download in memory", _size(recordings.DOWNLOAD_PIECE),
               "The client must read before the server continues."),
+        Limit("Recordings in an archive", f"{MAX_ARCHIVED}",
+              "HTTP status 400, `request/invalid`."),
+        Limit("Episodes that a request opens", f"{MAX_OPENED}",
+              "HTTP status 400, `request/invalid`."),
+        Limit("Replays that are made at the same time",
+              f"{replay_pages.AT_ONCE}, and {replay_pages.MAX_WAITING} that wait",
+              "HTTP status 503, `operator/busy`, with `Retry-After`."),
+        Limit("Recording of a replay", _size(replay_pages.MAX_REPLAYED),
+              "HTTP status 422, `recording/unshown`."),
+        Limit("Time to make a replay", f"{replay_pages.SECONDS:g} s",
+              "HTTP status 422, `recording/unshown`."),
         Limit("Recording in a list, to show its outcome", _size(recordings.MAX_SUMMARISED),
               "The outcome is `unread`."),
         Limit("Time for a TLS handshake, a request head and a request body, each",

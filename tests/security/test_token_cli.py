@@ -42,6 +42,18 @@ def test_unknown_role_is_explained(keys: Path) -> None:
     assert "unknown value 'hots'; did you mean 'host'? (possible: operator, host, player" in said
 
 
+def test_spectator_gets_a_link(keys: Path) -> None:
+    page, code = "https://kitchen.example.org/watch", "QWERT-YUPAS"
+    words = ("--link", page, "--episode", code, "--keys", str(keys))
+    done = command("mint", "spectator", *words)
+    assert done.exit_code == 0, done.output
+    address, _, token = done.stdout.strip().partition("#")
+    assert address == page
+    grant = granted(keys, token)
+    assert (grant.role, grant.seat) == (Role.SPECTATOR, "")
+    assert command("mint", "host", *words).exit_code == 1
+
+
 def test_minted_token_is_accepted(keys: Path) -> None:
     options = [
         "--subject",

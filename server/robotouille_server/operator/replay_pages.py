@@ -35,7 +35,7 @@ class ReplayPages:
         self._tasks = tasks
         self._command = command
         self._free = asyncio.Semaphore(AT_ONCE)
-        self._waiting = 0
+        self._unfinished = 0
 
     async def data(self, name: str, file: BinaryIO, size: int) -> bytes:
         """Return the data of a recording as compressed JSON, and close its file.
@@ -46,16 +46,16 @@ class ReplayPages:
         with file:
             if size > MAX_REPLAYED:
                 raise _unshown(f"{name} is larger than {MAX_REPLAYED // 1024**2} MiB")
-            if self._waiting >= MAX_WAITING:
-                message = f"{self._waiting} requests for replays are waiting; try again"
+            if self._unfinished >= AT_ONCE + MAX_WAITING:
+                message = f"{self._unfinished} requests for replays are waiting; try again"
                 status = HTTPStatus.SERVICE_UNAVAILABLE
                 raise RequestRefusedError(status, "operator/busy", message, BUSY_SECONDS)
-            self._waiting += 1
+            self._unfinished += 1
             try:
                 async with self._free:
                     return await self._made(name, file, size)
             finally:
-                self._waiting -= 1
+                self._unfinished -= 1
 
     async def _made(self, name: str, file: BinaryIO, size: int) -> bytes:
         folder = str(self._tasks or "")
