@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from robotouille_evaluation.cli.models import ModelChoice
     from robotouille_evaluation.packs.pack import Pack, PackInstance
     from robotouille_evaluation.runs import AgentSpec, EpisodeJob, RealTime, RunFolder, Workers
+    from robotouille_evaluation.runs.budgets import BudgetedInstances
 
 # Imports of packs, models and runs are in the functions: `--help` must not wait for them.
 
@@ -97,8 +98,8 @@ class RunOptions(WorkerOptions, ModelOptions):
     budget: Annotated[
         Literal["own", "published"] | None,
         typer.Option(
-            help="Step budget: 1.5 x the optimum (own), or the published constants. "
-            "A shift has its own length."
+            help="Step budget: 1.5 x the optimum (own), or the published constants. Instances "
+            "without one are left out. A shift has its own length."
         ),
     ] = None
     variant: Annotated[
@@ -171,16 +172,17 @@ def run(
     if options.variant == "delay-free":
         folder, pack = (out / "pack").resolve(), _delay_free(pack, chosen, options.seats)
         chosen = list(pack.instances)
+    budgeted = _with_budget(pack, chosen, options)
     agents = _agent_specs(_words(options.agents), pack, ModelChoice.of_options(options))
     job_options = JobOptions(
         seeds=range(options.seeds),
         seats=options.seats,
-        budget=options.budget,
+        budget=budgeted.rule,
         variant=options.variant or "",
         real_time=real_time,
         control=options.control,
     )
-    jobs = tuple(plan_jobs(pack, agents, chosen, job_options))
+    jobs = tuple(plan_jobs(pack, agents, budgeted.instances, job_options))
     # This comes after the check of the jobs, because a refused run must not leave a folder behind.
     if options.pack is None or options.variant == "delay-free":
         write_pack(pack, folder)
@@ -308,6 +310,22 @@ def _instances(
     ]
     if not found:
         raise RobotouilleError("the pack has no such instances; see `robotouille pack show`")
+    return found
+
+
+def _with_budget(
+    pack: Pack, chosen: Sequence[PackInstance], options: RunOptions
+) -> BudgetedInstances:
+    """Return the instances that have a step budget, and report the others in a line."""
+    from robotouille_evaluation.runs.budgets import with_budget
+
+    if options.seats is not None:
+        pack.require_seats(chosen, options.seats)
+    # The plans of a pack without delays come from a search, which may not find all of them.
+    rule = "own" if options.variant == "delay-free" else None
+    found = with_budget(pack, chosen, options.budget or rule, options.seats)
+    if found.left_out:
+        tell(str(found), err=True)
     return found
 
 

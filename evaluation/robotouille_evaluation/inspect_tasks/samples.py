@@ -7,18 +7,20 @@ from dataclasses import dataclass
 from functools import lru_cache
 from math import nan
 from pathlib import Path
-from typing import Any, Literal, ParamSpec, TypeVar, get_args
+from typing import Any, ParamSpec, TypeVar, get_args
 
 from inspect_ai.dataset import MemoryDataset, Sample
 from inspect_ai.scorer import Metric, Score, Scorer, Target, accuracy, mean, scorer, stderr
 from inspect_ai.solver import TaskState
 
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
+from robotouille.terminal import tell
 from robotouille_evaluation.metrics.outcomes import optimality_rate, score_share, succeeded
 from robotouille_evaluation.metrics.rows import ResultRow
 from robotouille_evaluation.packs.own import SHIFTS, build_own_pack, build_shift_pack
 from robotouille_evaluation.packs.pack import InstanceKind, Pack
 from robotouille_evaluation.packs.store import read_pack
+from robotouille_evaluation.runs.budgets import GoalBudget, with_budget
 from robotouille_evaluation.runs.job_list import AgentSpec, EpisodeJob, JobOptions, plan_jobs
 
 OUT = "runs/inspect"
@@ -41,7 +43,8 @@ class TaskOptions:
         strategy: Built-in strategy, or the id of an experiment of the pack.
         tasks: Tasks by name, number or dish; all if empty.
         kinds: Kinds of instances (`default`, `free`, `noisy`); all if empty.
-        budget: Rule of the step budget. If None, `own` if a plan is known, else `published`.
+        budget: Rule of the step budget. If None, `own` if plans of all instances are known, and
+            `published` if none is.
         pictures: Show each state in the transcript.
         steps_to_go: Search how far the goal was at the end, which is slow.
         out: Folder for rows and recordings, with a subfolder for each evaluation.
@@ -51,7 +54,7 @@ class TaskOptions:
     strategy: str = STRATEGY
     tasks: Words = ""
     kinds: Words = "free"
-    budget: Literal["own", "published"] | None = None
+    budget: GoalBudget | None = None
     pictures: bool = True
     steps_to_go: bool = False
     out: str = OUT
@@ -127,9 +130,14 @@ def samples(pack: Pack, dataset: str, options: TaskOptions) -> MemoryDataset:
     if not chosen:
         raise RobotouilleError(f"the pack has no such instances of {dataset!r}")
     seats = options.seats if isinstance(options, TeamTaskOptions) else None
+    if seats is not None:
+        pack.require_seats(chosen, seats)
+    found = with_budget(pack, chosen, options.budget, seats)
+    if found.left_out:
+        tell(str(found), err=True)
     # The jobs check budgets and seats; Inspect chooses the model later.
     agent = AgentSpec(name="any", kind="model")
-    jobs = plan_jobs(pack, [agent], chosen, JobOptions(seats=seats, budget=options.budget))
+    jobs = plan_jobs(pack, [agent], found.instances, JobOptions(seats=seats, budget=found.rule))
     return MemoryDataset([_sample(pack, job) for job in jobs], name=dataset, location=pack.name)
 
 

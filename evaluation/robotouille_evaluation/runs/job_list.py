@@ -21,6 +21,7 @@ from robotouille_evaluation.agents.team import Control
 from robotouille_evaluation.metrics.rows import MAX_NUMBER
 from robotouille_evaluation.packs.pack import Pack, PackInstance
 from robotouille_evaluation.realtime import Charge, LatePolicy
+from robotouille_evaluation.runs.budgets import GoalBudget, common_rule
 
 Variant = Literal["", "stochastic", "delay-free"]
 """Unchanged; a cut item reverts by chance; or nothing takes time (`packs.delay_free`)."""
@@ -203,8 +204,8 @@ class JobOptions:
     Args:
         seeds: Seeds with which each agent plays.
         seats: Number of players for tasks that allow several; the usual number if None.
-        budget: Rule of the step budget. If None, `own` if a plan is known, else `published`. A
-            shift has its own length.
+        budget: Rule of the step budget. If None, `own` if plans of all instances are known, and
+            `published` if none is. A shift has its own length.
         variant: Variant to play; for `delay-free` the pack must be one without delays. If empty,
             experiments of the pack choose it themselves.
         real_time: Real time settings; None if the world waits.
@@ -214,7 +215,7 @@ class JobOptions:
 
     seeds: Iterable[int] = (0,)
     seats: int | None = None
-    budget: BudgetRule | None = None
+    budget: GoalBudget | None = None
     variant: Variant = ""
     real_time: RealTime | None = None
     control: Control = "each"
@@ -229,8 +230,9 @@ def plan_jobs(
     """Yield a job for each instance, agent and seed, instance by instance.
 
     Raises:
-        RobotouilleError: A budget is unknown, two agents have the same name, an agent cannot play
-            with this control, or a task is not for that many seats.
+        RobotouilleError: A budget is unknown, no budget is chosen and none fits all instances, two
+            agents have the same name, an agent cannot play with this control, or a task is not for
+            that many seats.
     """
     agents, instances = tuple(agents), tuple(instances)
     seats, control, real_time = options.seats, options.control, options.real_time
@@ -244,9 +246,10 @@ def plan_jobs(
                 f"--control {control} is for teams, and no task here has several robots"
             )
     seeds = tuple(options.seeds)
+    goal_rule = options.budget or common_rule(pack, instances, seats)
     for instance in instances:
         count = instance.seats if seats is None else seats
-        rule = _budget_rule(pack, instance, count, options)
+        rule = _budget_rule(pack, instance, goal_rule, options)
         pack.budget(instance, rule, seats=count)
         for agent in agents:
             _check_playable(agent, instance, rule, count, real_time)
@@ -263,12 +266,14 @@ def plan_jobs(
                 )
 
 
-def _budget_rule(pack: Pack, instance: PackInstance, seats: int, options: JobOptions) -> BudgetRule:
+def _budget_rule(
+    pack: Pack, instance: PackInstance, goal_rule: GoalBudget, options: JobOptions
+) -> BudgetRule:
     if pack.shift(instance) is not None:
         if options.real_time is not None and options.real_time.slack != 1:
             raise RobotouilleError(f"{instance.id} is a shift, which cannot be longer: no --slack")
         return "shift"
-    return options.budget or ("own" if instance.best(seats) is not None else "published")
+    return goal_rule
 
 
 def _own_variant(pack: Pack, agent: AgentSpec) -> Variant:
