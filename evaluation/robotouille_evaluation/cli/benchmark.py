@@ -343,6 +343,7 @@ def agent_spec(name: str, pack: Pack, model: ModelChoice) -> AgentSpec:
     """Return the agent with a name, or raise UnknownNameError."""
     from robotouille_evaluation.agents.making import OWN_STRATEGIES, make_strategy
     from robotouille_evaluation.runs import AgentSpec
+    from robotouille_evaluation.runs.job_list import model_agent_name
 
     if name in COMPUTED:
         return AgentSpec(name=name, kind=name)
@@ -355,7 +356,7 @@ def agent_spec(name: str, pack: Pack, model: ModelChoice) -> AgentSpec:
             raise UnknownNameError(f"no agent {name!r}{near}") from None
         raise _unknown_experiment(name, pack) from None
     return AgentSpec(
-        name=f"{name} ({model.name})",
+        name=model_agent_name(name, model.name, model.parameters),
         kind="model",
         strategy=name,
         model=model.name,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -67,6 +67,7 @@ from robotouille_evaluation.runs import (
     RunFolder,
     play_job,
 )
+from robotouille_evaluation.runs.job_list import model_agent_name
 
 __all__ = ["MockModel", "asynchronous", "multi_agent", "outcome", "play", "shifts", "synchronous"]
 
@@ -188,8 +189,9 @@ def play(
     run = f"{time.strftime('%Y%m%d-%H%M%S')}-{uuid4().hex[:6]}"
 
     async def solve(state: TaskState, generate: Generate) -> TaskState:
-        model = _SampleModel(InspectModel(get_model()))
-        job = _job(state, strategy, model.name)
+        inspected = get_model()
+        model = _SampleModel(InspectModel(inspected))
+        job = _job(state, strategy, model.name, _sampling(inspected.config))
         folder = _SampleFolder(Path(out) / run, state.uuid)
         writer = TranscriptWriter(pictures=pictures)
         context = RunContext(run, loaded, folder, steps_to_go=steps_to_go)
@@ -212,8 +214,23 @@ def play(
     return solve
 
 
-def _job(state: TaskState, strategy: str, model: str) -> EpisodeJob:
-    agent = AgentSpec(name=f"{strategy} ({model})", kind="model", strategy=strategy, model=model)
+SAMPLING = frozenset({"temperature", "top_p", "top_k", "max_tokens", "seed", "reasoning_effort"})
+"""Settings of Inspect that decide how a model answers."""
+
+
+def _sampling(config: GenerateConfig) -> dict[str, Any]:
+    """Return the settings of a model that distinguish it from itself in another evaluation."""
+    return config.model_dump(mode="json", exclude_none=True, include=set(SAMPLING))
+
+
+def _job(state: TaskState, strategy: str, model: str, parameters: Mapping[str, Any]) -> EpisodeJob:
+    agent = AgentSpec(
+        name=model_agent_name(strategy, model, parameters),
+        kind="model",
+        strategy=strategy,
+        model=model,
+        parameters=dict(parameters),
+    )
     about = state.metadata
     return EpisodeJob(
         agent=agent,

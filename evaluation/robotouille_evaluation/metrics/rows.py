@@ -178,6 +178,8 @@ class ResultRow(RowModel):
     Attributes:
         job: Identifier in the run, which is the same when the episode is played again.
         kind: Kind of instance (`free`, `noisy`).
+        sampling: Parameters of the model's requests, such as `temperature 0.7`; empty for the
+            endpoint's own.
         variant: Change of the task (`stochastic`, `delay-free`), if any.
         timing: Timing profile.
         real_time: Real time settings; None if the world waited.
@@ -201,6 +203,7 @@ class ResultRow(RowModel):
     agent: str
     strategy: str = ""
     model: str = ""
+    sampling: str = ""
     variant: str = ""
     timing: str = "benchmark"
     clock: str = "turn"
@@ -222,9 +225,11 @@ class ResultRow(RowModel):
 
     @property
     def player(self) -> str:
-        """Agent, with strategy and model if the agent's name does not contain them."""
-        known = {self.agent, *re.split(r"[ ()]+", self.agent), ""}
-        more = dict.fromkeys(p for p in (self.strategy, self.model) if p not in known)
+        """Agent, with strategy, model and sampling if the agent's name does not contain them."""
+        known = {self.agent, *re.split(r"[ (),]+", self.agent), ""}
+        more = list(dict.fromkeys(p for p in (self.strategy, self.model) if p not in known))
+        if self.sampling not in self.agent:
+            more.append(self.sampling)
         return " · ".join([self.agent, *more])
 
     @property

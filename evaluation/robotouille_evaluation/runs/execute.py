@@ -287,6 +287,7 @@ def _job_fields(job: EpisodeJob, pack: Pack) -> dict[str, Any]:
         "control": job.control,
         "strategy": job.agent.strategy,
         "model": job.agent.model,
+        "sampling": job.agent.sampling,
         "clock": job.clock,
         "seats": job.seats,
         "optimum": known,

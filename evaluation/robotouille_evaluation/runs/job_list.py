@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import random
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -123,6 +123,24 @@ class AgentSpec(BaseModel):
     prices: str = ""
     timeout: float | None = Field(default=None, gt=0)
     attempts: int | None = Field(default=None, ge=1)
+
+    @property
+    def sampling(self) -> str:
+        """Parameters of the requests in words, such as `temperature 0.7`."""
+        return sampling_words(self.parameters)
+
+
+def sampling_words(parameters: Mapping[str, object]) -> str:
+    """Return parameters of requests in words; empty for the endpoint's own."""
+    return ", ".join(
+        f"{name.replace('_', ' ')} {f'{value:g}' if isinstance(value, float) else value}"
+        for name, value in parameters.items()
+    )
+
+
+def model_agent_name(strategy: str, model: str, parameters: Mapping[str, object]) -> str:
+    """Return the name of an agent, which distinguishes strategies, models and sampling."""
+    return f"{strategy} ({', '.join(filter(None, (model, sampling_words(parameters))))})"
 
 
 NOT_PLAYED = {"prices", "timeout", "attempts"}

@@ -18,6 +18,7 @@ from robotouille_evaluation.metrics import ResultRow
 from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Experiment
 from robotouille_evaluation.packs.store import read_pack, write_pack
+from robotouille_evaluation.report.grouping import named
 from robotouille_evaluation.runs import RunFolder
 from tests.support.samples import quick_sample
 
@@ -60,6 +61,18 @@ def test_run_is_played_and_not_overwritten(tmp_path: Path) -> None:
     assert {p: p.read_bytes() for p in run.rglob("*") if p.is_file()} == before
     assert called("resume", run).exit_code == 0
     assert (run / "rows.jsonl").read_bytes() == before[run / "rows.jsonl"]
+
+
+def test_temperatures_are_players_of_their_own(tmp_path: Path) -> None:
+    for temperature in ("0", "1"):
+        words = ["--model", "mock", "--temperature", temperature]
+        assert called("run", tmp_path / temperature, *MODEL, *words).exit_code == 0
+    rows = [row for name in ("0", "1") for row in RunFolder(tmp_path / name).rows()]
+    assert [row.sampling for row in rows] == ["temperature 0", "temperature 1"]
+    players = [f"react-none (mock, temperature {degrees})" for degrees in (0, 1)]
+    assert list(named(rows)) == players
+    result = called("compare", *players, tmp_path / "0", tmp_path / "1", "--json")
+    assert json.loads(result.stdout)["episodes"] == 1
 
 
 def test_shifts_have_scores_instead_of_successes(tmp_path: Path) -> None:
