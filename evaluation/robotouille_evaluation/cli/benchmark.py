@@ -103,8 +103,11 @@ class RunOptions(WorkerOptions, ModelOptions):
         ),
     ] = None
     variant: Annotated[
-        Literal["stochastic", "delay-free"] | None,
-        typer.Option(help="A cut item reverts by chance (stochastic), or nothing takes time."),
+        Literal["stochastic", "stochastic-paper", "delay-free"] | None,
+        typer.Option(
+            help="A cut item reverts with the probability of the published code (stochastic, 0.1 "
+            "per step) or of the paper (stochastic-paper, 0.33), or nothing takes time."
+        ),
     ] = None
     control: Annotated[
         Literal["each", "turns", "joint"],

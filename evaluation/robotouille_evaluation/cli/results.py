@@ -37,7 +37,7 @@ def compare(
     second: Annotated[str, typer.Argument(help="Name of another agent.")],
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")],
     variant: Annotated[
-        Literal["none", "stochastic", "delay-free"] | None,
+        Literal["none", "stochastic", "stochastic-paper", "delay-free"] | None,
         typer.Option(help="Variant, if the runs have several."),
     ] = None,
     json_output: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,

@@ -35,6 +35,7 @@ from robotouille_evaluation.metrics.trajectory import Trajectory
 from robotouille_evaluation.models import Model, Usage
 from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.realtime import Charge, RealTimeSeat
+from robotouille_evaluation.runs.chance import reversal_of
 from robotouille_evaluation.runs.episode_runner import (
     EpisodeRunner,
     RecordedRunner,
@@ -43,7 +44,7 @@ from robotouille_evaluation.runs.episode_runner import (
 )
 from robotouille_evaluation.runs.folder import RunFolder
 from robotouille_evaluation.runs.job_agents import JobAgents
-from robotouille_evaluation.runs.job_list import EpisodeJob, RealTime, reversal_of
+from robotouille_evaluation.runs.job_list import EpisodeJob, RealTime
 from robotouille_evaluation.runs.journal import CallJournal, asking_once
 from robotouille_evaluation.runs.real_time_episode import RealTimeEpisode
 from robotouille_evaluation.runs.text_episode import (
@@ -167,8 +168,7 @@ class _JobEpisode:
         self._budget = budget
         self._wrap = wrap
         self._agents = JobAgents(job, context.pack, world)
-        # The seed does not depend on the agent, so all agents meet the same reversals.
-        self._reversal = reversal_of(job.variant, world, f"{job.instance}:{job.seed}")
+        self._reversal = reversal_of(job, context.pack, world)
         self.runners: list[RecordedRunner] = []
         self.exchanges: list[Exchange] = []
         self.usages: list[Usage] = []

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-import random
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from robotouille import State, World
-from robotouille.episode.record import RandomReversal, no_reversal
 from robotouille.episode.rules import StepRate
 from robotouille.errors import RobotouilleError, WrongArgumentError
-from robotouille.world.grounding.objects import Atom
 from robotouille_evaluation.agents.making import team_strategy
 from robotouille_evaluation.agents.team import Control
 from robotouille_evaluation.metrics.rows import MAX_NUMBER
@@ -23,48 +19,11 @@ from robotouille_evaluation.packs.pack import Pack, PackInstance
 from robotouille_evaluation.realtime import Charge, LatePolicy
 from robotouille_evaluation.runs.budgets import GoalBudget, common_rule
 
-Variant = Literal["", "stochastic", "delay-free"]
-"""Unchanged; a cut item reverts by chance; or nothing takes time (`packs.delay_free`)."""
+Variant = Literal["", "stochastic", "stochastic-paper", "delay-free"]
+"""Unchanged; a cut item reverts by chance, with the probability of the published code or of the
+paper (`chance`); or nothing takes time (`packs.delay_free`)."""
 HelperKind = Literal["none", "planner", "script"]
 BudgetRule = Literal["published", "own", "shift"]
-
-CUT = "iscut"
-PROBABILITY = 0.1
-"""Probability of a reversal per step, as in the paper's stochastic environment."""
-
-
-class SingleReversal:
-    """Random reversal that happens once in an episode.
-
-    The first object with the predicate loses it. There is one draw per step until a draw has had
-    an effect. A draw without an object to reverse is wasted.
-
-    Args:
-        predicate: Name of the predicate.
-        rng: Source of the draws.
-    """
-
-    def __init__(
-        self, predicate: str, rng: random.Random, probability: float = PROBABILITY
-    ) -> None:
-        self._predicate = predicate
-        self._rng = rng
-        self._probability = probability
-        self._done = False
-
-    def __call__(self, state: State) -> Sequence[Atom]:
-        """Return the fact to reverse in a state, if any."""
-        if self._done or self._rng.random() >= self._probability:
-            return ()
-        found = next(self._holding(state), None)
-        self._done = found is not None
-        return () if found is None else (found,)
-
-    def _holding(self, state: State) -> Iterator[Atom]:
-        # In the fixed order of the table, so that the choice is the same everywhere.
-        for number, atom in enumerate(state.world.table.atoms):
-            if atom[0] == self._predicate and state.facts >> number & 1:
-                yield atom
 
 
 class RealTime(BaseModel):
@@ -200,19 +159,6 @@ class EpisodeJob(BaseModel):
     def slack(self) -> float:
         """Factor of the step limit."""
         return 1.0 if self.real_time is None else self.real_time.slack
-
-
-def reversal_of(variant: Variant, world: World, seed: str) -> RandomReversal:
-    """Return the random reversals of a variant, which depend only on the seed.
-
-    Raises:
-        RobotouilleError: Nothing can be cut in this world.
-    """
-    if variant != "stochastic":
-        return no_reversal
-    if CUT not in world.table.fluents:
-        raise RobotouilleError(f"{world.task.name}: its domain has no {CUT!r} that could revert")
-    return SingleReversal(CUT, random.Random(seed))
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,8 +23,8 @@ from robotouille_evaluation.models import Completion, ModelRequest
 from robotouille_evaluation.packs.pack import Experiment, Pack
 from robotouille_evaluation.packs.published_checkout import read_checkout
 from robotouille_evaluation.packs.published_layouts import generate_layout
+from robotouille_evaluation.runs.chance import PROBABILITIES, SingleReversal
 from robotouille_evaluation.runs.episode_runner import PlainRunner
-from robotouille_evaluation.runs.job_list import SingleReversal
 from robotouille_evaluation.runs.text_episode import TextEpisode, TextEpisodeResult
 from tests.support.samples import quick_sample
 
@@ -57,7 +57,7 @@ def undone_of(recorded: dict[str, Any]) -> RandomReversal:
     file = PUBLISHED / "checkout" / recorded["problem_file"]
     rng = generate_layout(json.loads(file.read_text()), recorded["seed"]).rng()
     rng.sample([0], 1)
-    return SingleReversal("iscut", rng)
+    return SingleReversal("iscut", rng, PROBABILITIES["stochastic"])
 
 
 def requests_of(recorded: dict[str, Any]) -> list[list[tuple[str, str]]]:

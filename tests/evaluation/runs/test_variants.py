@@ -17,7 +17,7 @@ from robotouille.replay.recording import Recording, read_recording
 from robotouille.replay.restore import restore
 from robotouille_evaluation.metrics.rows import ResultRow
 from robotouille_evaluation.metrics.trajectory import Trajectory
-from robotouille_evaluation.models import Model
+from robotouille_evaluation.models import Model, ModelRequest, ScriptedModel
 from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.packs.published_checkout import read_checkout
 from robotouille_evaluation.runs import (
@@ -27,8 +27,9 @@ from robotouille_evaluation.runs import (
     plan_jobs,
     play_job,
 )
-from robotouille_evaluation.runs.job_list import reversal_of
-from tests.support.published import CHECKOUT, NEEDED
+from robotouille_evaluation.runs.chance import reversal_of
+from robotouille_evaluation.runs.job_list import Variant
+from tests.support.published import CHECKOUT, NEEDED, conversations, read
 from tests.support.runs import agent, small_pack, started_run
 from tests.support.samples import quick_sample
 
@@ -91,13 +92,19 @@ def test_reversals_depend_on_the_seed_only() -> None:
         state = state.step(list(action)).state
         if state.holds("iscut", "lettuce1"):
             break
-    times = []
-    for _ in range(2):
-        undone = reversal_of("stochastic", world, "x")
-        times.append([bool(undone(state)) for _ in range(60)])
-    assert times[0] == times[1]
-    assert sum(times[0]) == 1, "one reversal per episode"
-    assert reversal_of("", world, "x")(state) == ()
+
+    def times(variant: Variant, kind: str) -> list[bool]:
+        options = JobOptions(variant=variant)
+        job = next(plan_jobs(pack(), [agent(kind)], pack().instances, options))
+        undone = reversal_of(job, pack(), world)
+        return [bool(undone(state)) for _ in range(60)]
+
+    assert times("stochastic", "random") == times("stochastic", "planner")
+    assert sum(times("stochastic", "random")) == 1, "one reversal per episode"
+    assert times("stochastic-paper", "random").index(True) <= times("stochastic", "random").index(
+        True
+    ), "the paper's probability is larger"
+    assert not any(times("", "random"))
 
 
 def test_reversals_are_verified(tmp_path: Path) -> None:
@@ -138,6 +145,40 @@ def test_experiment_chooses_its_variant() -> None:
     assert [job.variant for job in planned] == ["", "stochastic"]
     assert {j.variant for j in plan_jobs(published, named, instances, JobOptions(budget="published",
                                     variant="stochastic"))} == {"stochastic"}  # fmt: skip
+
+
+@NEEDED
+@pytest.mark.parametrize(
+    "path",
+    quick_sample([p for p in conversations() if "-stochastic_" in p.name], 1),
+    ids=lambda path: path.name,
+)
+def test_stochastic_experiment_draws_the_published_random_numbers(
+    tmp_path: Path, path: Path
+) -> None:
+    recorded = read(path)
+    seed = recorded["seed"]
+    pack = read_checkout(CHECKOUT, seeds=(seed,)).pack
+    id_ = str(recorded["experiment"]).removeprefix("conf/experiments/").removesuffix(".yaml")
+    spec = agent("model", strategy=id_, model="recorded")
+    instance = pack.instance(f"{recorded['problem']}_{seed}")
+    (job,) = plan_jobs(pack, [spec], [instance], JobOptions(budget="published"))
+    asked = [event for event in recorded["events"] if event["event"] == "llm"]
+    requests: list[list[str]] = []
+
+    def answer(request: ModelRequest) -> str:
+        requests.append([message.content for message in request.messages])
+        return str(asked[len(requests) - 1]["answer"])
+
+    run = started_run(tmp_path, pack, job)
+    row = asyncio.run(play_job(job, RunContext("r", pack, run), ScriptedModel(answer)))
+    assert row.error is None
+    texts = [message["content"] for message in recorded["messages"]]
+    assert requests == [[texts[number] for number in event["messages"]] for event in asked]
+    assert (row.outcome.ended_by, row.outcome.steps) == (
+        recorded["result"]["ended_by"],
+        recorded["result"]["steps"],
+    )
 
 
 def test_job_id_ignores_how_a_model_is_asked() -> None:
