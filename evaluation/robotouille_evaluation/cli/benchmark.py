@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.console import Console
 
-from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille.terminal import options_from, tell
 from robotouille_client.bots.llm_options import (
     AttemptsOption,
@@ -25,10 +21,8 @@ from robotouille_client.console import failing
 from robotouille_evaluation.cli.results import agreement, compare, report
 
 if TYPE_CHECKING:
-    from robotouille_evaluation.cli.models import ModelChoice
-    from robotouille_evaluation.packs.pack import Pack, PackInstance
-    from robotouille_evaluation.runs import AgentSpec, EpisodeJob, RealTime, RunFolder, Workers
-    from robotouille_evaluation.runs.budgets import BudgetedInstances
+    from robotouille_evaluation.cli.planning import PlannedRun
+    from robotouille_evaluation.runs import EpisodeJob, RunFolder, Workers
 
 # Imports of packs, models and runs are in the functions: `--help` must not wait for them.
 
@@ -69,9 +63,17 @@ class RunOptions(WorkerOptions, ModelOptions):
         typer.Option(
             "--agents",
             help="Agents: planner, random, scripted, or strategies of a language model "
-            "(react-last-reasoning-action, io, …, or an experiment of the pack).",
+            "(`robotouille benchmark agents`). Default: planner,random,scripted, or the agents of "
+            "--experiment.",
         ),
-    ] = "planner,random,scripted"
+    ] = ""
+    experiment: Annotated[
+        str,
+        typer.Option(
+            help="Experiments of the pack to play as published: agent, tasks, instances, "
+            "temperature, step budget and chance. Other options replace single settings."
+        ),
+    ] = ""
     pack: Annotated[
         Path | None,
         typer.Option("--pack", help="Folder of a pack (`robotouille pack build`). "
@@ -88,6 +90,13 @@ class RunOptions(WorkerOptions, ModelOptions):
             help="Kinds of instances: default, free, noisy. Default: free, if the pack has any."
         ),
     ] = ""
+    instances: Annotated[
+        str,
+        typer.Option(help="Seeds or ids of instances, such as 42,84. Default: all of the kinds."),
+    ] = ""
+    limit: Annotated[
+        int | None, typer.Option(min=1, help="Most instances of each task. Default: all.")
+    ] = None
     seats: Annotated[
         int | None,
         typer.Option(
@@ -103,10 +112,11 @@ class RunOptions(WorkerOptions, ModelOptions):
         ),
     ] = None
     variant: Annotated[
-        Literal["stochastic", "stochastic-paper", "delay-free"] | None,
+        Literal["none", "stochastic", "stochastic-paper", "delay-free"] | None,
         typer.Option(
             help="A cut item reverts with the probability of the published code (stochastic, 0.1 "
-            "per step) or of the paper (stochastic-paper, 0.33), or nothing takes time."
+            "per step) or of the paper (stochastic-paper, 0.33), or nothing takes time. Default: "
+            "none, or that of --experiment."
         ),
     ] = None
     control: Annotated[
@@ -152,8 +162,6 @@ benchmark = typer.Typer(
 for command in (report, compare, agreement):
     benchmark.command()(command)
 
-COMPUTED = ("planner", "random", "scripted")
-
 
 @benchmark.command()
 @failing
@@ -162,36 +170,19 @@ def run(
     out: Annotated[Path, typer.Argument(help="New folder for the run.")], options: RunOptions
 ) -> None:
     """Play agents on tasks and write a report."""
-    from robotouille_evaluation.cli.models import ModelChoice
+    from robotouille_evaluation.cli.planning import plan_run
     from robotouille_evaluation.cli.playing import play
     from robotouille_evaluation.packs.store import write_pack
-    from robotouille_evaluation.runs import JobOptions, RunFolder, plan_jobs
+    from robotouille_evaluation.runs import RunFolder
 
     RunFolder(out).require_new()
-    real_time = _real_time(options)
-    datasets, tasks = _words(options.datasets), _words(options.tasks)
-    folder, pack = _pack(out, options.pack, datasets or tasks)
-    chosen = _instances(pack, datasets, tasks, _words(options.kinds) or pack.usual_kinds)
-    if options.variant == "delay-free":
-        folder, pack = (out / "pack").resolve(), _delay_free(pack, chosen, options.seats)
-        chosen = list(pack.instances)
-    budgeted = _with_budget(pack, chosen, options)
-    agents = _agent_specs(_words(options.agents), pack, ModelChoice.of_options(options))
-    job_options = JobOptions(
-        seeds=range(options.seeds),
-        seats=options.seats,
-        budget=budgeted.rule,
-        variant=options.variant or "",
-        real_time=real_time,
-        control=options.control,
-    )
-    jobs = tuple(plan_jobs(pack, agents, budgeted.instances, job_options))
+    planned = plan_run(out, options)
     # This comes after the check of the jobs, because a refused run must not leave a folder behind.
-    if options.pack is None or options.variant == "delay-free":
-        write_pack(pack, folder)
-    run_folder = _create(out, pack, folder, jobs, options.steps_to_go)
-    _warn_of_unknown_optima(pack, jobs, folder)
-    play(run_folder, pack, jobs, _workers(options))
+    if planned.own_folder:
+        write_pack(planned.pack, planned.folder)
+    run_folder = _create(out, planned, options.steps_to_go)
+    _warn_of_unknown_optima(planned)
+    play(run_folder, planned.pack, planned.jobs, _workers(options))
 
 
 @benchmark.command()
@@ -235,184 +226,32 @@ def _with_patience(job: EpisodeJob, timeout: float | None, attempts: int | None)
     return job.model_copy(update={"agent": job.agent.model_copy(update=changed)})
 
 
-def _words(text: str) -> tuple[str, ...]:
-    return tuple(word for word in (part.strip() for part in text.split(",")) if word)
-
-
-def _real_time(options: RunOptions) -> RealTime | None:
-    """Return the real time settings, or None if the world waits.
-
-    Raises:
-        RobotouilleError: The world waits, and an option for real time is set.
-    """
-    from robotouille_evaluation.realtime import LatePolicy
-    from robotouille_evaluation.runs import RealTime
-
-    chosen = RealTime(
-        step_rate=options.step_rate,
-        charge=options.charge,
-        late=LatePolicy(options.late),
-        helper=options.helper,
-        digest_tokens=options.digest_tokens,
-        slack=options.slack,
-    )
-    if options.clock == "realtime":
-        return chosen
-    defaults = RealTime(charge=RunOptions.charge).model_dump()
-    changed = [name for name, value in chosen.model_dump().items() if value != defaults[name]]
-    if changed:
-        flag = changed[0].replace("_", "-")
-        raise RobotouilleError(f"--{flag} is only for --clock realtime")
-    return None
-
-
-def _pack(out: Path, folder: Path | None, names: Sequence[str]) -> tuple[Path, Pack]:
-    """Return the pack and its folder. A run keeps a copy of a built-in pack.
-
-    Args:
-        names: Data sets or tasks that the built-in pack must have.
-    """
-    from robotouille_evaluation.packs.own import pack_with
-    from robotouille_evaluation.packs.store import read_pack
-
-    if folder is not None:
-        return folder.resolve(), read_pack(folder)
-    return (out / "pack").resolve(), pack_with(names)
-
-
-def _delay_free(pack: Pack, chosen: Sequence[PackInstance], seats: int | None) -> Pack:
-    from robotouille_evaluation.packs.delay_free import delay_free
-
-    console = Console(stderr=True)
-    with console.status("") as status:
-        return delay_free(
-            pack,
-            chosen,
-            lambda done, total: status.update(f"planned {done} of {total} instances"),
-            seats,
-        )
-
-
-def _instances(
-    pack: Pack, datasets: Sequence[str], tasks: Sequence[str], kinds: Sequence[str]
-) -> list[PackInstance]:
-    from robotouille_evaluation.packs.pack import InstanceKind
-
-    for what, chosen, known in (
-        ("dataset", datasets, pack.datasets),
-        ("kind of instance", kinds, get_args(InstanceKind)),
-    ):
-        for name in chosen:
-            if name not in known:
-                near = did_you_mean(name, known) or f"; choose {', '.join(known)}"
-                raise UnknownNameError(f"unknown {what} {name!r}{near}")
-    found = [
-        instance
-        for instance in pack.instances_of(tasks or None)
-        if instance.kind in kinds and (not datasets or pack.task(instance.task).dataset in datasets)
-    ]
-    if not found:
-        raise RobotouilleError("the pack has no such instances; see `robotouille pack show`")
-    return found
-
-
-def _with_budget(
-    pack: Pack, chosen: Sequence[PackInstance], options: RunOptions
-) -> BudgetedInstances:
-    """Return the instances that have a step budget, and report the others in a line."""
-    from robotouille_evaluation.runs.budgets import with_budget
-
-    if options.seats is not None:
-        pack.require_seats(chosen, options.seats)
-    # The plans of a pack without delays come from a search, which may not find all of them.
-    rule = "own" if options.variant == "delay-free" else None
-    found = with_budget(pack, chosen, options.budget or rule, options.seats)
-    if found.left_out:
-        tell(str(found), err=True)
-    return found
-
-
-def _agent_specs(names: Iterable[str], pack: Pack, choice: ModelChoice) -> list[AgentSpec]:
-    """Return the agents, after a check that their model can be asked."""
-    from robotouille_evaluation.cli.models import check_model
-
-    specs = [agent_spec(name, pack, choice) for name in names]
-    if any(spec.kind == "model" for spec in specs):
-        asyncio.run(check_model(choice))
-    return specs
-
-
-def agent_spec(name: str, pack: Pack, model: ModelChoice) -> AgentSpec:
-    """Return the agent with a name, or raise UnknownNameError."""
-    from robotouille_evaluation.agents.making import OWN_STRATEGIES, make_strategy
-    from robotouille_evaluation.runs import AgentSpec
-    from robotouille_evaluation.runs.job_list import model_agent_name
-
-    if name in COMPUTED:
-        return AgentSpec(name=name, kind=name)
-    try:
-        make_strategy(pack, name, pack.datasets[0])
-    except UnknownNameError:
-        if "/" not in name:
-            known = [*COMPUTED, *OWN_STRATEGIES, *(each.id for each in pack.experiments)]
-            near = did_you_mean(name, known) or f"; choose {', '.join(known)}"
-            raise UnknownNameError(f"no agent {name!r}{near}") from None
-        raise _unknown_experiment(name, pack) from None
-    return AgentSpec(
-        name=model_agent_name(name, model.name, model.parameters),
-        kind="model",
-        strategy=name,
-        model=model.name,
-        base_url=model.base_url,
-        parameters=dict(model.parameters),
-        prices=model.prices,
-        timeout=model.timeout,
-        attempts=model.attempts,
-    )
-
-
-def _unknown_experiment(name: str, pack: Pack) -> UnknownNameError:
-    """Return an error that names the experiments of the same agent and dataset."""
-    known = [experiment.id for experiment in pack.experiments]
-    if not known:
-        return UnknownNameError(
-            f"unknown experiment {name!r}: {pack.name} has none; use --pack with an imported pack "
-            "(`robotouille pack import CHECKOUT`)"
-        )
-    group = f"{name.rpartition('/')[0]}/"
-    same = [id_ for id_ in known if id_.startswith(group)]
-    if not same:
-        return UnknownNameError(f"unknown experiment {name!r}{did_you_mean(name, known)}")
-    return UnknownNameError(f"unknown experiment {name!r}; choose {', '.join(same)}")
-
-
-def _warn_of_unknown_optima(pack: Pack, jobs: Iterable[EpisodeJob], folder: Path) -> None:
+def _warn_of_unknown_optima(planned: PlannedRun) -> None:
     # Rows store the optimum, so a proof after the run comes too late.
-    wanted = {(job.instance, job.seats) for job in jobs if job.budget != "shift"}
-    unknown = [1 for name, seats in wanted if pack.instance(name).best(seats) is None]
+    wanted = {(job.instance, job.seats) for job in planned.jobs if job.budget != "shift"}
+    unknown = [1 for name, seats in wanted if planned.pack.instance(name).best(seats) is None]
     if unknown:
         tell(
             f"{len(unknown)} of {len(wanted)} instances have no known shortest plan, so their "
             "optimality will be missing from the report; "
-            f"run `robotouille pack prove {folder}` before a run to find plans",
+            f"run `robotouille pack prove {planned.folder}` before a run to find plans",
             err=True,
         )
 
 
-def _create(
-    out: Path, pack: Pack, folder: Path, jobs: tuple[EpisodeJob, ...], steps_to_go: bool
-) -> RunFolder:
+def _create(out: Path, planned: PlannedRun, steps_to_go: bool) -> RunFolder:
     from robotouille.installation import VERSION
     from robotouille_evaluation.metrics.rows import PackId
     from robotouille_evaluation.runs import RunFolder, RunPlan
 
+    pack = planned.pack
     return RunFolder.create(
         out,
         RunPlan(
             name=out.resolve().name,
             pack=PackId(name=pack.name, version=pack.version, digest=pack.digest),
-            pack_folder=str(folder),
-            jobs=jobs,
+            pack_folder=str(planned.folder),
+            jobs=planned.jobs,
             software=VERSION,
             steps_to_go=steps_to_go,
         ),

@@ -238,6 +238,7 @@ def _job(state: TaskState, strategy: str, model: str, parameters: Mapping[str, A
         seats=about["seats"],
         seed=state.epoch - 1,
         budget=about["budget"]["rule"],
+        variant=about["variant"],
     )
 
 

@@ -136,7 +136,7 @@ def samples(pack: Pack, dataset: str, options: TaskOptions) -> MemoryDataset:
     if found.left_out:
         tell(str(found), err=True)
     # The jobs check budgets and seats; Inspect chooses the model later.
-    agent = AgentSpec(name="any", kind="model")
+    agent = AgentSpec(name="any", kind="model", strategy=options.strategy)
     jobs = plan_jobs(pack, [agent], found.instances, JobOptions(seats=seats, budget=found.rule))
     return MemoryDataset([_sample(pack, job) for job in jobs], name=dataset, location=pack.name)
 
@@ -152,6 +152,7 @@ def _sample(pack: Pack, job: EpisodeJob) -> Sample:
         "kind": instance.kind,
         "layout_seed": instance.seed,
         "seats": job.seats,
+        "variant": job.variant,
         "budget": {"rule": job.budget, "steps": budget.max_steps},
         "optimum": (
             {"steps": best.steps, "bound": best.bound, "proven": best.proven} if best else None

@@ -181,6 +181,7 @@ class ResultRow(RowModel):
         sampling: Parameters of the model's requests, such as `temperature 0.7`; empty for the
             endpoint's own.
         variant: Change of the task (`stochastic`, `delay-free`), if any.
+        experiment: Experiment of the pack whose settings apply, if any.
         timing: Timing profile.
         real_time: Real time settings; None if the world waited.
         control: Control of a team: a model for `each` seat, or one model in `turns` or `joint`.
@@ -205,6 +206,7 @@ class ResultRow(RowModel):
     model: str = ""
     sampling: str = ""
     variant: str = ""
+    experiment: str = ""
     timing: str = "benchmark"
     clock: str = "turn"
     real_time: RealTimeRow | None = None

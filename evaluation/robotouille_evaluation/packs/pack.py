@@ -195,6 +195,36 @@ class Experiment:
             if p.get("experiment_name")
         )
 
+    def budget(self, task: str) -> Budget | None:
+        """Return the step budget of a task; None if the experiment does not play it.
+
+        Settings with `max_steps` replace the constants. As in the published code, the multiplier
+        applies to them, too.
+        """
+        constants = dict(zip(self.tasks, self.optimal_steps, strict=True))
+        if task not in constants:
+            return None
+        game = self.settings.get("game", {})
+        fixed = game.get("max_steps")
+        steps = constants[task] if fixed is None else fixed
+        return published_budget(steps, game.get("max_step_multiplier", 1))
+
+    @property
+    def temperature(self) -> float | None:
+        """Temperature of each request; None for the endpoint's own."""
+        found = self.settings["llm"].get("temperature")
+        return None if found is None else float(found)
+
+    @property
+    def stochastic(self) -> bool:
+        """True if a cut item may become uncut by chance."""
+        return bool(self.settings.get("game", {}).get("stochastic"))
+
+    @property
+    def kind(self) -> InstanceKind:
+        """Kind of the instances of its seeds."""
+        return "noisy" if self.settings.get("game", {}).get("noisy_randomization") else "free"
+
     @property
     def shown(self) -> tuple[str, ...]:
         """Names of the examples that the settings name."""

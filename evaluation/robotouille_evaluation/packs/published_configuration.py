@@ -105,6 +105,9 @@ Word = str | int | float | None
 Count = Annotated[int, Field(ge=0, le=1000)]
 
 
+MAX_STEPS = 1_000_000
+
+
 class _PromptName(BaseModel):
     experiment_name: Word
     prompt_version: Word
@@ -121,6 +124,7 @@ class _WithReflection(_Prompts):
 
 class _Llm(BaseModel):
     prompts: _Prompts
+    temperature: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] | None = None
     num_examples: Count | None = None
     feedback_attempts: Count = 3
     retries: Count = 0
@@ -136,6 +140,9 @@ class _Reflecting(_Llm):
 
 class _Game(BaseModel):
     stochastic: bool | None = None
+    noisy_randomization: bool | None = None
+    max_steps: Annotated[int, Field(ge=1, le=MAX_STEPS)] | None = None
+    max_step_multiplier: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)] = 1
 
 
 class _Settings(BaseModel):

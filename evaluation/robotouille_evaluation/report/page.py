@@ -86,6 +86,8 @@ def _about(rows: Sequence[ResultRow]) -> str:
     parts = {
         "run": sorted({row.run for row in rows}),
         "pack": sorted({f"{r.pack.name} {r.pack.version} ({r.pack.digest[:12]})" for r in rows}),
+        "experiment": sorted({row.experiment for row in rows if row.experiment}),
+        "sampling": sorted({row.sampling for row in rows if row.sampling}),
         "step budget": sorted({row.budget.rule for row in rows}),
         "timing": sorted({row.timing for row in rows}),
         "variant": [] if variants == ["none"] else variants,

@@ -93,7 +93,8 @@ def _examples(job: EpisodeJob, pack: Pack) -> int:
     Agents that are not experiments get the random numbers of an experiment with one example, as
     all published stochastic experiments have.
     """
-    experiment = next((each for each in pack.experiments if each.id == job.agent.strategy), None)
+    id_ = job.experiment or job.agent.strategy
+    experiment = next((each for each in pack.experiments if each.id == id_), None)
     if experiment is None:
         return 1
     if not experiment.settings["llm"].get("num_examples"):

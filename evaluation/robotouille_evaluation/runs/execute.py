@@ -35,6 +35,7 @@ from robotouille_evaluation.metrics.trajectory import Trajectory
 from robotouille_evaluation.models import Model, Usage
 from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.realtime import Charge, RealTimeSeat
+from robotouille_evaluation.runs.budgets import budget_of
 from robotouille_evaluation.runs.chance import reversal_of
 from robotouille_evaluation.runs.episode_runner import (
     EpisodeRunner,
@@ -96,7 +97,8 @@ async def play_job(
     pack = context.pack
     instance = pack.instance(job.instance)
     world = _world(pack, job)
-    budget = pack.budget(instance, job.budget, seats=job.seats).steps * job.slack
+    allowed = budget_of(pack, instance, job.budget, job.seats, job.experiment)
+    budget = allowed.steps * job.slack
     limit = math.ceil(budget)
     episode = _JobEpisode(job, context, world, budget, wrap)
     error = None
@@ -282,6 +284,7 @@ def _job_fields(job: EpisodeJob, pack: Pack) -> dict[str, Any]:
         "instance": instance.id,
         "kind": instance.kind,
         "variant": job.variant,
+        "experiment": job.experiment,
         "seed": job.seed,
         "agent": job.agent.name if job.control == "each" else f"{job.agent.name}, {job.control}",
         "control": job.control,

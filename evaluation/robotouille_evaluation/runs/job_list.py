@@ -17,7 +17,7 @@ from robotouille_evaluation.agents.team import Control
 from robotouille_evaluation.metrics.rows import MAX_NUMBER
 from robotouille_evaluation.packs.pack import Pack, PackInstance
 from robotouille_evaluation.realtime import Charge, LatePolicy
-from robotouille_evaluation.runs.budgets import GoalBudget, common_rule
+from robotouille_evaluation.runs.budgets import GoalBudget, budget_of, common_rule
 
 Variant = Literal["", "stochastic", "stochastic-paper", "delay-free"]
 """Unchanged; a cut item reverts by chance, with the probability of the published code or of the
@@ -113,6 +113,7 @@ class EpisodeJob(BaseModel):
         seed: Seed of the agent's random choices.
         real_time: Real time settings; None if the world waits for its players.
         control: How one model, or several, control the seats of a team.
+        experiment: Experiment of the pack whose budget applies, if any.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -125,6 +126,7 @@ class EpisodeJob(BaseModel):
     variant: Variant = ""
     real_time: RealTime | None = None
     control: Control = "each"
+    experiment: str = ""
 
     @model_validator(mode="after")
     def _is_playable(self) -> EpisodeJob:
@@ -145,6 +147,8 @@ class EpisodeJob(BaseModel):
             del content["real_time"]
         if self.control == "each":
             del content["control"]
+        if not self.experiment:
+            del content["experiment"]
         text = json.dumps(content, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:20]
 
@@ -170,19 +174,21 @@ class JobOptions:
         seats: Number of players for tasks that allow several; the usual number if None.
         budget: Rule of the step budget. If None, `own` if plans of all instances are known, and
             `published` if none is. A shift has its own length.
-        variant: Variant to play; for `delay-free` the pack must be one without delays. If empty,
+        variant: Variant to play; for `delay-free` the pack must be one without delays. If None,
             experiments of the pack choose it themselves.
         real_time: Real time settings; None if the world waits.
         control: How one model, or several, control a team. Other agents, and models that play
             alone, always have the control `each`.
+        experiment: Experiment of the pack whose budget applies, if any.
     """
 
     seeds: Iterable[int] = (0,)
     seats: int | None = None
     budget: GoalBudget | None = None
-    variant: Variant = ""
+    variant: Variant | None = None
     real_time: RealTime | None = None
     control: Control = "each"
+    experiment: str = ""
 
 
 def plan_jobs(
@@ -214,7 +220,7 @@ def plan_jobs(
     for instance in instances:
         count = instance.seats if seats is None else seats
         rule = _budget_rule(pack, instance, goal_rule, options)
-        pack.budget(instance, rule, seats=count)
+        budget_of(pack, instance, rule, count, options.experiment)
         for agent in agents:
             _check_playable(agent, instance, rule, count, real_time)
             for seed in seeds:
@@ -224,9 +230,10 @@ def plan_jobs(
                     seats=count,
                     seed=seed,
                     budget=rule,
-                    variant=options.variant or _own_variant(pack, agent),
+                    variant=_variant(pack, agent, options),
                     real_time=real_time,
                     control=control if agent.kind == "model" and count > 1 else "each",
+                    experiment=options.experiment,
                 )
 
 
@@ -240,10 +247,11 @@ def _budget_rule(
     return goal_rule
 
 
-def _own_variant(pack: Pack, agent: AgentSpec) -> Variant:
+def _variant(pack: Pack, agent: AgentSpec, options: JobOptions) -> Variant:
+    if options.variant is not None:
+        return options.variant
     found = next((each for each in pack.experiments if each.id == agent.strategy), None)
-    by_chance = found is not None and found.settings.get("game", {}).get("stochastic")
-    return "stochastic" if by_chance else ""
+    return "stochastic" if found is not None and found.stochastic else ""
 
 
 def _check_playable(

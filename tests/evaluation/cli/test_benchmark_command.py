@@ -12,8 +12,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from robotouille.errors import UnknownNameError
-from robotouille_evaluation.cli.benchmark import agent_spec, benchmark
+from robotouille_evaluation.cli.benchmark import benchmark
 from robotouille_evaluation.cli.models import ModelChoice
+from robotouille_evaluation.cli.planning import agent_spec
 from robotouille_evaluation.metrics import ResultRow
 from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Experiment

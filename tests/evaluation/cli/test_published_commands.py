@@ -17,13 +17,14 @@ from robotouille_evaluation.packs.pack import KnownPlan, Pack
 from robotouille_evaluation.packs.published_checkout import read_checkout
 from robotouille_evaluation.packs.store import read_pack, write_pack
 from robotouille_evaluation.runs import RunFolder
+from tests.support import checkouts
 from tests.support.checkouts import PROBLEM, write_checkout
 from tests.support.published import CHECKOUT, NEEDED, PROBLEMS
 
 pytest.importorskip("yaml")
 
 PAGE = Path(__file__).resolve().parents[3] / "docs/evaluate_models.md"
-EXPERIMENT = "ReAct/asynchronous/last-reasoning-action-mpc"
+EXPERIMENT = "ReAct/plain"
 NO_CONSTANT = "environments/env_generator/examples/synchronous/0.1_toast.json"
 
 
@@ -68,9 +69,11 @@ def test_documented_commands_run_on_a_checkout(
         result = called(*words, *limits)
         assert result.exit_code == 0, result.output
     assert "asynchronous/3.1_lettuce_cheeseburger\n" in result.stderr
-    rows = RunFolder(tmp_path / "runs/published").rows()
-    assert {row.task for row in rows} == {"asynchronous/0_cheese_chicken_sandwich"}
-    assert {row.budget.rule for row in rows} == {"published"} and len(rows) == 10
+    for run, agents in (("published", 1), ("baselines", 2)):
+        rows = RunFolder(tmp_path / "runs" / run).rows()
+        assert {row.task for row in rows} == {"asynchronous/0_cheese_chicken_sandwich"}
+        assert {row.budget.rule for row in rows} == {"published"}
+        assert len(rows) == 10 * agents
 
 
 @pytest.fixture
@@ -127,3 +130,78 @@ def _with_a_plan(pack: Pack) -> Iterator[object]:
     for instance in pack.instances:
         known = (KnownPlan(1, ("-",) * 4),) if instance.seed == 42 else ()
         yield replace(instance, plans=known)
+
+
+@pytest.fixture
+def by_chance(tmp_path: Path) -> Path:
+    """Return the pack of an experiment with a temperature, a multiplier and a chance of its own."""
+    settings = checkouts.EXPERIMENT.replace("multiplier: 1.5", "multiplier: 2\n  stochastic: true")
+    path = f"conf/experiments/{EXPERIMENT}.yaml"
+    checkout = write_checkout(tmp_path / "checkout", {path: settings})
+    write_pack(read_checkout(checkout, seeds=(42, 84)).pack, tmp_path / "pack")
+    return tmp_path / "pack"
+
+
+def test_experiment_sets_all_conditions(tmp_path: Path, by_chance: Path) -> None:
+    words = ("run", tmp_path / "run", "--pack", by_chance, "--experiment", EXPERIMENT)
+    result = called("benchmark", *words)
+    assert result.exit_code == 0, result.output
+    line = (
+        f"{EXPERIMENT}: 1 of 2 tasks, 1 instances, temperature 0.7, published budget, "
+        "chance of a reversal 0.1\n"
+    )
+    assert line in result.stderr
+    (row,) = RunFolder(tmp_path / "run").rows()
+    assert row.agent == f"{EXPERIMENT} (mock, temperature 0.7)"
+    assert (row.experiment, row.sampling) == (EXPERIMENT, "temperature 0.7")
+    assert (row.instance, row.variant) == ("synchronous/0_toast_42", "stochastic")
+    assert (row.budget.rule, row.budget.steps) == ("published", 10)
+    assert called("benchmark", "resume", tmp_path / "run").exit_code == 0
+
+
+def test_options_replace_settings_of_an_experiment(tmp_path: Path, by_chance: Path) -> None:
+    changes = ("--temperature", "0", "--instances", "84", "--variant", "none")
+    words = ("run", tmp_path / "run", "--pack", by_chance, "--experiment", EXPERIMENT)
+    agents = ("--agents", f"{EXPERIMENT},random", "--processes", "1")
+    result = called("benchmark", *words, *changes, *agents)
+    assert result.exit_code == 0, result.output
+    assert "temperature 0.0, published budget, chance of a reversal 0\n" in result.stderr
+    rows = sorted(RunFolder(tmp_path / "run").rows(), key=lambda row: row.agent)
+    assert [row.agent for row in rows] == [f"{EXPERIMENT} (mock, temperature 0)", "random"]
+    assert {(row.instance, row.variant) for row in rows} == {("synchronous/0_toast_84", "")}
+    assert {row.budget.steps for row in rows} == {10}
+    refused = called("benchmark", "run", tmp_path / "x", *words[2:], "--variant", "delay-free")
+    assert refused.exit_code == 1 and "for kitchens with delays" in refused.stderr
+
+
+def test_experiment_as_agent_of_other_tasks_is_reported(tmp_path: Path) -> None:
+    other = checkouts.EXPERIMENT.replace("0_toast", "0.1_toast")
+    changes = {NO_CONSTANT: json.dumps(PROBLEM), "conf/experiments/ReAct/other.yaml": other}
+    checkout = write_checkout(tmp_path / "checkout", changes)
+    write_pack(read_checkout(checkout, seeds=(42, 84)).pack, tmp_path / "pack")
+    words = ("--pack", tmp_path / "pack", "--limit", "1", "--agents", EXPERIMENT)
+    result = called("benchmark", "run", tmp_path / "run", *words)
+    assert result.exit_code == 0, result.output
+    assert f"--experiment {EXPERIMENT} plays it as published\n" in result.stderr
+    instances = [row.instance for row in RunFolder(tmp_path / "run").rows()]
+    assert sorted(instances) == ["synchronous/0.1_toast_42", "synchronous/0_toast_42"]
+    own = called("benchmark", "run", tmp_path / "own", *words, "--tasks", "0_toast")
+    assert "as published" not in own.stderr
+
+
+def test_experiment_for_people_is_refused(tmp_path: Path) -> None:
+    person = checkouts.EXPERIMENT.replace("agent_name: ReAct", "agent_name: human")
+    write_checkout(tmp_path / "checkout", {"conf/experiments/human/plain.yaml": person})
+    write_pack(read_checkout(tmp_path / "checkout", seeds=(42,)).pack, tmp_path / "pack")
+    for option in ("--agents", "--experiment"):
+        words = ("run", tmp_path / "run", "--pack", tmp_path / "pack", option, "human/plain")
+        result = called("benchmark", *words)
+        assert result.exit_code == 1
+        assert "human/plain is played by a person and not by a model" in result.stderr
+
+
+def test_unknown_instance_names_the_known_ones(tmp_path: Path, toast: Path) -> None:
+    words = ("run", tmp_path / "run", "--pack", toast, "--tasks", "0_toast", "--instances", "43")
+    result = called("benchmark", *words, *RANDOM)
+    assert result.exit_code == 1
+    assert "no chosen task has the instance '43'; choose 42, 84" in result.stderr

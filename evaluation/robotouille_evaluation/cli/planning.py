@@ -1,0 +1,326 @@
+"""Jobs of a new run, from the command's options and the settings of published experiments."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, get_args
+
+from rich.console import Console
+
+from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
+from robotouille.terminal import tell
+from robotouille_evaluation.agents.making import OWN_STRATEGIES, make_strategy
+from robotouille_evaluation.cli.models import ModelChoice, check_model
+from robotouille_evaluation.packs.delay_free import delay_free
+from robotouille_evaluation.packs.own import pack_with
+from robotouille_evaluation.packs.pack import Experiment, InstanceKind, Pack, PackInstance
+from robotouille_evaluation.packs.store import read_pack
+from robotouille_evaluation.realtime import LatePolicy
+from robotouille_evaluation.runs import AgentSpec, EpisodeJob, JobOptions, RealTime, plan_jobs
+from robotouille_evaluation.runs.budgets import BudgetedInstances, with_budget
+from robotouille_evaluation.runs.chance import PROBABILITIES
+from robotouille_evaluation.runs.job_list import Variant, model_agent_name
+
+if TYPE_CHECKING:
+    from robotouille_evaluation.cli.benchmark import RunOptions
+
+COMPUTED = ("planner", "random", "scripted")
+"""Agents without a model, which are the default."""
+HUMAN = "human"
+"""Agent of published experiments that a person plays."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedRun:
+    """Jobs of a run with their pack and its folder.
+
+    `own_folder` is True if the pack is part of the run and must be written.
+    """
+
+    pack: Pack
+    folder: Path
+    jobs: tuple[EpisodeJob, ...]
+    own_folder: bool
+
+
+def plan_run(out: Path, options: RunOptions) -> PlannedRun:
+    """Return what a new run in the folder `out` plays.
+
+    Raises:
+        RobotouilleError: An option is invalid, or does not fit the pack or another option.
+    """
+    real_time = _real_time(options)
+    folder, pack = _pack(out, options)
+    experiments = [_experiment(pack, id_) for id_ in _words(options.experiment)]
+    if options.variant == "delay-free":
+        if experiments:
+            raise RobotouilleError(
+                "published step budgets are for kitchens with delays: choose --experiment or "
+                "--variant delay-free"
+            )
+        chosen = _instances(pack, options, None)
+        folder, pack = (out / "pack").resolve(), _without_delays(pack, chosen, options.seats)
+    jobs: dict[str, EpisodeJob] = {}
+    for experiment in experiments or [None]:
+        jobs |= {job.id: job for job in _jobs(pack, options, experiment, real_time)}
+    own_folder = options.pack is None or options.variant == "delay-free"
+    return PlannedRun(pack, folder, tuple(jobs.values()), own_folder)
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(word for word in (part.strip() for part in text.split(",")) if word)
+
+
+def _real_time(options: RunOptions) -> RealTime | None:
+    """Return the real time settings, or None if the world waits.
+
+    Raises:
+        RobotouilleError: The world waits, and an option for real time is set.
+    """
+    chosen = RealTime(
+        step_rate=options.step_rate,
+        charge=options.charge,
+        late=LatePolicy(options.late),
+        helper=options.helper,
+        digest_tokens=options.digest_tokens,
+        slack=options.slack,
+    )
+    if options.clock == "realtime":
+        return chosen
+    defaults = RealTime(charge=type(options).charge).model_dump()
+    changed = [name for name, value in chosen.model_dump().items() if value != defaults[name]]
+    if changed:
+        flag = changed[0].replace("_", "-")
+        raise RobotouilleError(f"--{flag} is only for --clock realtime")
+    return None
+
+
+def _pack(out: Path, options: RunOptions) -> tuple[Path, Pack]:
+    """Return the pack and its folder. A run keeps a copy of a built-in pack."""
+    if options.pack is not None:
+        return options.pack.resolve(), read_pack(options.pack)
+    names = _words(options.datasets) or _words(options.tasks)
+    return (out / "pack").resolve(), pack_with(names)
+
+
+def _without_delays(pack: Pack, chosen: Sequence[PackInstance], seats: int | None) -> Pack:
+    console = Console(stderr=True)
+    with console.status("") as status:
+        return delay_free(
+            pack,
+            chosen,
+            lambda done, total: status.update(f"planned {done} of {total} instances"),
+            seats,
+        )
+
+
+def _jobs(
+    pack: Pack, options: RunOptions, experiment: Experiment | None, real_time: RealTime | None
+) -> Iterator[EpisodeJob]:
+    """Yield the jobs of an experiment, or those of the options alone."""
+    budgeted = _with_budget(pack, _instances(pack, options, experiment), options, experiment)
+    choice = ModelChoice.of_options(options)
+    names = _words(options.agents)
+    variant: Variant | None = "" if options.variant == "none" else options.variant
+    if experiment is not None:
+        if experiment.temperature is not None:
+            sampling = {"temperature": experiment.temperature, **choice.parameters}
+            choice = replace(choice, parameters=sampling)
+        names = names or (experiment.id,)
+        if variant is None:
+            variant = "stochastic" if experiment.stochastic else ""
+        tell(_settings_line(experiment, budgeted, choice, variant), err=True)
+    else:
+        _warn_of_other_tasks(pack, names, budgeted.instances)
+    job_options = JobOptions(
+        seeds=range(options.seeds),
+        seats=options.seats,
+        budget=budgeted.rule,
+        variant=variant,
+        real_time=real_time,
+        control=options.control,
+        experiment="" if experiment is None else experiment.id,
+    )
+    agents = _agent_specs(names or COMPUTED, pack, choice)
+    yield from plan_jobs(pack, agents, budgeted.instances, job_options)
+
+
+# Experiments
+
+
+def _experiment(pack: Pack, id_: str) -> Experiment:
+    """Return an experiment that a model can play, or raise RobotouilleError."""
+    found = next((each for each in pack.experiments if each.id == id_), None)
+    if found is None:
+        raise _unknown_experiment(id_, pack)
+    if found.agent == HUMAN:
+        raise _for_people(id_)
+    return found
+
+
+def _settings_line(
+    experiment: Experiment, budgeted: BudgetedInstances, choice: ModelChoice, variant: Variant
+) -> str:
+    """Return a line about the conditions of an experiment, after replaced settings."""
+    tasks = {instance.task for instance in budgeted.instances}
+    chance = PROBABILITIES.get(variant, 0)
+    degrees = choice.parameters.get("temperature", "the endpoint's")
+    return (
+        f"{experiment.id}: {len(tasks)} of {len(experiment.tasks)} tasks, "
+        f"{len(budgeted.instances)} instances, temperature {degrees}, {budgeted.rule} budget, "
+        f"chance of a reversal {chance:g}"
+    )
+
+
+def _warn_of_other_tasks(
+    pack: Pack, names: Iterable[str], instances: Iterable[PackInstance]
+) -> None:
+    """Report experiments that are agents for tasks that they do not have."""
+    tasks = {instance.task for instance in instances}
+    for experiment in pack.experiments:
+        if experiment.id in names and not tasks <= set(experiment.tasks):
+            tell(
+                f"{experiment.id} was not published for all of these tasks, and its own "
+                f"temperature and step budget do not apply; --experiment {experiment.id} plays it "
+                "as published",
+                err=True,
+            )
+
+
+# Instances
+
+
+def _instances(
+    pack: Pack, options: RunOptions, experiment: Experiment | None
+) -> list[PackInstance]:
+    """Return the chosen instances, or raise RobotouilleError."""
+    datasets, tasks, kinds = map(_words, (options.datasets, options.tasks, options.kinds))
+    usual: Sequence[str] = pack.usual_kinds if experiment is None else (experiment.kind,)
+    _check_names("dataset", datasets, pack.datasets)
+    _check_names("kind of instance", kinds, get_args(InstanceKind))
+    if experiment is not None and not tasks:
+        known = {task.name for task in pack.tasks}
+        tasks = tuple(task for task in experiment.tasks if task in known)
+        if not tasks:
+            raise RobotouilleError(f"the pack has no task of {experiment.id}")
+    found = [
+        instance
+        for instance in pack.instances_of(tasks or None)
+        if instance.kind in (kinds or usual)
+        and (not datasets or pack.task(instance.task).dataset in datasets)
+    ]
+    wanted = _words(options.instances)
+    if wanted:
+        found = _named_instances(found, wanted)
+    elif experiment is not None:
+        found = [each for each in found if each.seed is None or each.seed in experiment.seeds]
+    if not found:
+        raise RobotouilleError("the pack has no such instances; see `robotouille pack show`")
+    return _first_of_each(found, options.limit)
+
+
+def _check_names(what: str, chosen: Iterable[str], known: Sequence[str]) -> None:
+    for name in chosen:
+        if name not in known:
+            near = did_you_mean(name, known) or f"; choose {', '.join(known)}"
+            raise UnknownNameError(f"unknown {what} {name!r}{near}")
+
+
+def _named_instances(found: Sequence[PackInstance], wanted: Iterable[str]) -> list[PackInstance]:
+    """Return the instances with these ids or seeds, or raise UnknownNameError."""
+    chosen: dict[str, PackInstance] = {}
+    for word in wanted:
+        named = [each for each in found if word in (each.id, str(each.seed))]
+        if not named:
+            seeds = sorted({each.seed for each in found if each.seed is not None})
+            known = ", ".join(map(str, seeds)) or ", ".join(each.id for each in found[:5])
+            raise UnknownNameError(f"no chosen task has the instance {word!r}; choose {known}")
+        chosen |= {each.id: each for each in named}
+    return [each for each in found if each.id in chosen]
+
+
+def _first_of_each(found: Sequence[PackInstance], limit: int | None) -> list[PackInstance]:
+    """Return at most `limit` instances of each task."""
+    kept: dict[str, list[PackInstance]] = {}
+    for instance in found:
+        kept.setdefault(instance.task, []).append(instance)
+    return [instance for each in kept.values() for instance in each[:limit]]
+
+
+def _with_budget(
+    pack: Pack, chosen: Sequence[PackInstance], options: RunOptions, experiment: Experiment | None
+) -> BudgetedInstances:
+    """Return the instances that have a step budget, and report the others in a line."""
+    if options.seats is not None:
+        pack.require_seats(chosen, options.seats)
+    rule = options.budget
+    if rule is None and experiment is not None:
+        rule = "published"
+    elif rule is None and options.variant == "delay-free":
+        rule = "own"  # The plans come from a search, which may not find all of them.
+    found = with_budget(pack, chosen, rule, options.seats)
+    if found.left_out:
+        tell(str(found), err=True)
+    return found
+
+
+# Agents
+
+
+def _agent_specs(names: Iterable[str], pack: Pack, choice: ModelChoice) -> list[AgentSpec]:
+    """Return the agents, after a check that their model can be asked."""
+    specs = [agent_spec(name, pack, choice) for name in names]
+    if any(spec.kind == "model" for spec in specs):
+        asyncio.run(check_model(choice))
+    return specs
+
+
+def agent_spec(name: str, pack: Pack, model: ModelChoice) -> AgentSpec:
+    """Return the agent with a name, or raise UnknownNameError."""
+    if name in COMPUTED:
+        return AgentSpec.model_validate({"name": name, "kind": name})
+    experiments = {experiment.id: experiment for experiment in pack.experiments}
+    if name in experiments:
+        _experiment(pack, name)
+    elif "/" in name:
+        raise _unknown_experiment(name, pack)
+    elif name not in OWN_STRATEGIES:
+        known = [*COMPUTED, *OWN_STRATEGIES, *experiments]
+        near = did_you_mean(name, known) or f"; choose {', '.join(known)}"
+        raise UnknownNameError(f"no agent {name!r}{near}")
+    make_strategy(pack, name, pack.datasets[0])  # raises an error if the pack lacks its prompt
+    return AgentSpec(
+        name=model_agent_name(name, model.name, model.parameters),
+        kind="model",
+        strategy=name,
+        model=model.name,
+        base_url=model.base_url,
+        parameters=dict(model.parameters),
+        prices=model.prices,
+        timeout=model.timeout,
+        attempts=model.attempts,
+    )
+
+
+def _unknown_experiment(name: str, pack: Pack) -> UnknownNameError:
+    """Return an error that names the experiments of the same agent and dataset."""
+    known = [experiment.id for experiment in pack.experiments if experiment.agent != HUMAN]
+    if not known:
+        return UnknownNameError(
+            f"unknown experiment {name!r}: {pack.name} has none; use --pack with an imported pack "
+            "(`robotouille pack import CHECKOUT`)"
+        )
+    group = f"{name.rpartition('/')[0]}/"
+    same = [id_ for id_ in known if id_.startswith(group)]
+    if not same:
+        return UnknownNameError(f"unknown experiment {name!r}{did_you_mean(name, known)}")
+    return UnknownNameError(f"unknown experiment {name!r}; choose {', '.join(same)}")
+
+
+def _for_people(id_: str) -> RobotouilleError:
+    return RobotouilleError(
+        f"{id_} is played by a person and not by a model; see `robotouille play`"
+    )
