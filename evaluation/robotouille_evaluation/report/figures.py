@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 MAX_PANELS, MAX_BARS = 12, 40
 """Players with a panel or with bars. If there are more, those with the most episodes are drawn."""
 OPTIMALITY_BINS = ("1", "1 to 1.25", "1.25 to 1.5", "more than 1.5")
+"""Bins of the published histogram: 1.25 is in `1.25 to 1.5`, and so is 1.5."""
 CATEGORY_COLOURS = {
     "state": COLOURS[0],
     "action": COLOURS[3],
@@ -208,8 +209,10 @@ def _optimality_bin(row: ResultRow) -> str | None:
     rate = optimality_rate(row)
     if rate is None:
         return None
-    limits = (1, 1.25, 1.5, float("inf"))
-    return next(name for name, limit in zip(OPTIMALITY_BINS, limits, strict=True) if rate <= limit)
+    one, low, middle, high = OPTIMALITY_BINS
+    if rate < 1.25:
+        return one if rate <= 1 else low
+    return middle if rate <= 1.5 else high
 
 
 def optimality_histogram(rows: Sequence[ResultRow]) -> ReportFigure | None:
@@ -240,8 +243,9 @@ def steps_to_go_histogram(rows: Sequence[ResultRow]) -> ReportFigure | None:
         axes.set_ylabel("% of failures")
 
     caption = (
-        "Distance of failures from the goal. Up to 0.5 is progress, 0.5 to 1 is little or none, "
-        "more than 1 is farther away than at the start. Lines across a bar are published numbers."
+        "Distance of failures from the goal. Below 0.5 is progress, 0.5 to 1 is little or none, "
+        "more is farther away than at the start. A bin contains its lower bound. Lines across a "
+        "bar are published numbers."
     )
     groups = _chosen(rows, lambda row: not succeeded(row) and bin_of(row) is not None)
     return _panels("steps_to_go", caption, groups, draw)

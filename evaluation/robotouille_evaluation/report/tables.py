@@ -6,6 +6,7 @@ import csv
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from io import StringIO
+from math import inf
 from statistics import fmean
 
 from robotouille.html_report.intervals import Interval
@@ -33,7 +34,10 @@ WORDS = frozenset(
 )
 MAX_COMPARED = 30
 """Players compared in pairs. The table has a row for each pair, so it grows quadratically."""
-STEPS_TO_GO_BINS = ("0 to 0.5", "0.5 to 1", "more than 1", "out of reach")
+STEPS_TO_GO_BINS = ("below 0.5", "0.5 to 1", "1 to 1.5", "1.5 or more", "out of reach")
+"""Bins of the published histogram, which contain their lower bounds: 1 is in `1 to 1.5`."""
+FARTHER_AWAY, AWAY = STEPS_TO_GO_BINS[2:4], "1 or more"
+"""Bins that the paper's text adds up, and their sum."""
 REACT = "gpt-4o, ReAct"
 
 
@@ -250,7 +254,8 @@ def bin_of_steps_to_go(measures: EpisodeMeasures) -> str | None:
 
 
 def _bin(value: float) -> str:
-    return "0 to 0.5" if value <= 0.5 else "0.5 to 1" if value <= 1 else "more than 1"
+    limits = zip((0.5, 1, 1.5, inf), STEPS_TO_GO_BINS, strict=False)
+    return next(name for limit, name in limits if value < limit)
 
 
 def steps_to_go(rows: Sequence[ResultRow]) -> Table:
@@ -261,18 +266,22 @@ def steps_to_go(rows: Sequence[ResultRow]) -> Table:
         counts = Counter(each for each in bins if each)
         if total := counts.total():
             shares = [_percent(counts[each] / total) for each in STEPS_TO_GO_BINS]
-            lines.append(TableRow((name, dataset, *shares, str(total), str(len(bins) - total))))
+            away = _percent(sum(counts[each] for each in FARTHER_AWAY) / total)
+            lines.append(
+                TableRow((name, dataset, *shares, away, str(total), str(len(bins) - total)))
+            )
     for dataset, known in published.STEPS_TO_GO.items():
         if any(row.dataset == dataset for row in rows):
-            shares = [_published(known.get(each)) for each in STEPS_TO_GO_BINS]
+            shares = [_published(known.get(each)) for each in (*STEPS_TO_GO_BINS, AWAY)]
             lines.append(_reference(REACT, dataset, *shares, NONE, NONE))
     note = (
         "Fewest steps from the last state to the goal / fewest steps from the first state, of "
-        "failures. Up to 0.5 is progress; more than 1 is farther away than at the start. "
+        "failures. Below 0.5 is progress; above 1 is farther away than at the start. A bin "
+        "contains its lower bound, as in the published histogram. "
         "`robotouille benchmark run --steps-to-go` computes it during a run; it cannot be added "
         "later."
     )
-    columns = ("player", "data set", *STEPS_TO_GO_BINS, "failures", "not known")
+    columns = ("player", "data set", *STEPS_TO_GO_BINS, AWAY, "failures", "not known")
     return _table("steps_to_go", "Steps to go of failures", columns, lines, note)
 
 

@@ -144,8 +144,10 @@ def test_bins_of_steps_to_go() -> None:
             EpisodeMeasures(to_go_least=least, to_go_most=most, out_of_reach=dead)
         )
 
-    assert named_bin(0.5, 0.5) == "0 to 0.5"
-    assert named_bin(0.6, 1.0) == "0.5 to 1"
+    assert named_bin(0.49, 0.49) == "below 0.5"
+    assert named_bin(0.5, 0.99) == "0.5 to 1", "a bin contains its lower bound"
+    assert named_bin(1.0, 1.49) == "1 to 1.5"
+    assert named_bin(1.5, 9.0) == "1.5 or more"
     assert named_bin(0.9, 1.1) is None
     assert named_bin(1.2, None) is None
     assert named_bin(None, None) is None
