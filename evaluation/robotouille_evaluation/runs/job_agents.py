@@ -61,6 +61,29 @@ class PolicyAgent:
         yield  # Unreachable, but strategies are generators.
 
 
+class LockstepScript:
+    """Policy that carries out a player's part of a plan, if all seats decide at the same time.
+
+    Several actions of a plan's step may depend on each other: one player leaves a station, and
+    another one walks there. `Script.act` chooses only what is possible before the step.
+    """
+
+    def __init__(self, player: str, plan: Plan, start: State) -> None:
+        self._player = player
+        self._script = Script(player, plan, start)
+        self.anticipating = False
+        """True if another player's action in the same step makes the last one possible."""
+
+    def observe(self, did: Did) -> None:
+        """Pass on what all players did in a step."""
+        self._script.observe(did)
+
+    def act(self, state: State) -> GroundAction | None:
+        """Return the action to take in a state; None to do nothing this step."""
+        action, self.anticipating = self._script.joint(state).get(self._player, (None, False))
+        return action
+
+
 class Replanner:
     """Policy that plans again after a random reversal.
 
@@ -127,7 +150,7 @@ def _dishes(world: World) -> dict[str, DishPlanner]:
 
 
 def _anticipates(policy: Policy) -> bool:
-    return isinstance(policy, TeamPolicy | Replanner) and policy.anticipating
+    return isinstance(policy, TeamPolicy | Replanner | LockstepScript) and policy.anticipating
 
 
 def planner(world: World, player: str, seed: int, clock: str | None = None) -> PolicyAgent:
@@ -140,9 +163,14 @@ def random_actions(world: World, player: str, seed: int) -> PolicyAgent:
     return PolicyAgent(RandomPolicy(player, seed))
 
 
-def script(plan: Plan, player: str, world: World) -> PolicyAgent:
-    """Return an agent that carries out a player's part of a plan."""
-    return PolicyAgent(Script(player, plan, world.initial))
+def script(plan: Plan, player: str, world: World, *, lockstep: bool) -> PolicyAgent:
+    """Return an agent that carries out a player's part of a plan.
+
+    Args:
+        lockstep: True if all players decide at the same time.
+    """
+    policy = LockstepScript if lockstep else Script
+    return PolicyAgent(policy(player, plan, world.initial))
 
 
 class JobAgents:
@@ -207,6 +235,7 @@ class JobAgents:
             case "random":
                 return random_actions(world, player, job.seed)
             case "scripted":
-                return script(self._pack.plan(job.instance, world), player, world)
+                plan = self._pack.plan(job.instance, world)
+                return script(plan, player, world, lockstep=job.real_time is None)
             case "model":
                 return make_strategy(self._pack, job.agent.strategy, self._dataset)

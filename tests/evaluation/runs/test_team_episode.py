@@ -17,6 +17,7 @@ from robotouille_evaluation.agents.team import Control
 from robotouille_evaluation.metrics.rows import ResultRow
 from robotouille_evaluation.models import Model, ModelRequest, ScriptedModel, SeededAnswers
 from robotouille_evaluation.models.model import valid_actions
+from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.runs import (
     AgentSpec,
@@ -29,6 +30,7 @@ from robotouille_evaluation.runs import (
     play_job,
 )
 from tests.support.runs import small_pack, started_run
+from tests.support.samples import quick_sample
 from tests.support.team_cook import NOTHING, TeamCook
 
 ALONE, TEAM = "synchronous/01_cheese_sandwich", "multi_agent/01_lettuce_burger"
@@ -252,3 +254,19 @@ def test_models_of_a_team_chat(tmp_path: Path, real_time: RealTime | None) -> No
     assert not any("Others have said" in text for text in asked["robot1"])
     notes = [note for note in recording.notes() if note["note"] == "said"]
     assert [(note["player"], note["text"]) for note in notes] == [("robot1", "Leave the game!")]
+
+
+@pytest.mark.parametrize("seats", quick_sample([2, 3]))
+def test_scripted_team_carries_out_the_best_plan(tmp_path: Path, seats: int) -> None:
+    whole = build_own_pack()
+    instances = whole.instances_of([TEAM], ["free"])
+    scripted = AgentSpec(name="scripted", kind="scripted")
+    jobs = tuple(plan_jobs(whole, [scripted], instances, JobOptions(seats=seats)))
+    folder = started_run(tmp_path, whole, *jobs)
+    for job in jobs:
+        row = asyncio.run(play_job(job, RunContext("r", whole, folder)))
+        assert row.outcome.success, row
+        assert row.optimum.steps is not None
+        assert row.outcome.steps <= row.optimum.steps
+        assert row.outcome.steps == row.optimum.steps or not row.optimum.proven
+        assert row.counts.invalid == 0
