@@ -173,7 +173,7 @@ def play(folder: RunFolder, pack: Pack, planned: Sequence[EpisodeJob], workers: 
             raise _first(group) from None
     rows = folder.rows()
     Console(stderr=True, highlight=False).print(run_table(rows))
-    tell(str(write_page(rows, folder.path / "report")))
+    tell(str(write_page(rows, folder.path / "report", figures=pack.figures)))
     _report_errors(rows, folder)
 
 

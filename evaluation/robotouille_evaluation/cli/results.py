@@ -5,30 +5,60 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from robotouille.errors import RobotouilleError
+from robotouille.errors import FileError, RobotouilleError
 from robotouille.terminal import tell
 from robotouille_client.console import failing
 
 if TYPE_CHECKING:
     from robotouille_evaluation.metrics.rows import Pair, ResultRow
+    from robotouille_evaluation.packs.pack import FigureData
 
 
 @failing
 def report(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")],
     out: Annotated[Path, typer.Option(help="Folder of the report.")] = Path("report"),
+    published: Annotated[
+        Path | None,
+        typer.Option(
+            help="Imported pack whose published results stand next to those of the runs. "
+            "Default: the pack of the runs, else the numbers that the paper prints."
+        ),
+    ] = None,
 ) -> None:
     """Write tables, figures and an HTML page about runs."""
     rows, folders = _rows_of(runs)
     if not rows:
         raise RobotouilleError("these runs have no finished episode")
-    tell(str(write_page(rows, out, folders)))
+    figures = _published_figures(folders.values(), published)
+    tell(str(write_page(rows, out, folders, figures)))
+
+
+def _published_figures(runs: Iterable[Path], published: Path | None) -> tuple[FigureData, ...]:
+    """Return the published results of a pack, by default of the first of the runs' packs."""
+    from robotouille_evaluation.packs.store import read_pack
+    from robotouille_evaluation.runs import RunFolder
+
+    if published is not None:
+        found = read_pack(published).figures
+        if not found:
+            raise RobotouilleError(
+                f"{published} has no published results; import it again from a checkout that has "
+                "the notebook figures.ipynb"
+            )
+        return found
+    for run in runs:
+        with suppress(FileError):  # A report needs no pack, which may be elsewhere by now.
+            if figures := read_pack(Path(RunFolder(run).plan().pack_folder)).figures:
+                return figures
+    return ()
 
 
 @failing
@@ -189,12 +219,16 @@ def _some(words: Iterable[str]) -> str:
 
 
 def write_page(
-    rows: Sequence[ResultRow], out: Path, folders: Mapping[str, Path] | None = None
+    rows: Sequence[ResultRow],
+    out: Path,
+    folders: Mapping[str, Path] | None = None,
+    figures: Sequence[FigureData] = (),
 ) -> Path:
     """Write a report and return its page.
 
     Args:
         folders: Folders of runs by name.
+        figures: Published results of an imported pack.
 
     Raises:
         RobotouilleError: The report cannot be written.
@@ -202,7 +236,7 @@ def write_page(
     from robotouille_evaluation.report import write_report
 
     try:
-        return write_report(rows, out, folders=folders)
+        return write_report(rows, out, folders=folders, figures=figures)
     except OSError as error:
         raise RobotouilleError(
             f"{out}: the report cannot be written: {error.strerror}; the rows are kept, so "

@@ -37,42 +37,47 @@ LAST_SHARE = 0.75
 
 
 class Subcategory(StrEnum):
-    """Subject of the uncertainty.
+    """Subject of the uncertainty, with the names of the paper's figure if it has one.
 
-    "One item at a station" and "bad start" are the paper's names. The paper describes the others by
-    examples only.
+    The paper has no rule about one player at a station, and assigns every failure to a category.
     """
 
-    BELIEVED_DONE = "believed done"
-    UNKNOWN_ACTION = "no such action"
-    OUT_OF_REACH = "not possible there"
-    ONE_ITEM = "one item at a station"
-    ONE_PLAYER = "one player at a station"
-    ONE_IN_HAND = "one thing in hand"
-    OTHER_RULE = "another rule"
-    BAD_START = "bad start"
-    UNPREPARED = "unprepared ingredient"
-    WRONG_INGREDIENT = "wrong ingredient"
-    WRONG_ORDER = "wrong order"
-    OUT_OF_STEPS = "out of steps"
-    NOT_PLAYED = "broken off"
+    PREDICATES = "Misunderstands Predicates"
+    INVALID_ACTION = "Invalid Action"
+    ONE_ITEM = "Violates 'One item at station' rule"
+    ONE_IN_HAND = "Violates 'Hold one item' rule"
+    BOTH_RULES = "Violates both rules"
+    ONE_PLAYER = "Violates 'One player at station' rule"
+    OTHER_RULE = "Violates another rule"
+    BAD_START = "Bad Start"
+    INGREDIENT = "Ingredient Uncertainty"
+    ORDER = "Order Uncertainty"
+    BOTH_UNCERTAINTIES = "Both Uncertainties"
+    OUT_OF_STEPS = "Out of Steps"
+    NOT_PLAYED = "Broken Off"
 
 
 CATEGORIES = {
-    Subcategory.BELIEVED_DONE: Category.STATE,
-    Subcategory.UNKNOWN_ACTION: Category.ACTION,
-    Subcategory.OUT_OF_REACH: Category.ACTION,
+    Subcategory.PREDICATES: Category.STATE,
+    Subcategory.INVALID_ACTION: Category.ACTION,
     Subcategory.ONE_ITEM: Category.TRANSITION,
-    Subcategory.ONE_PLAYER: Category.TRANSITION,
     Subcategory.ONE_IN_HAND: Category.TRANSITION,
+    Subcategory.BOTH_RULES: Category.TRANSITION,
+    Subcategory.ONE_PLAYER: Category.TRANSITION,
     Subcategory.OTHER_RULE: Category.TRANSITION,
     Subcategory.BAD_START: Category.GOAL,
-    Subcategory.UNPREPARED: Category.GOAL,
-    Subcategory.WRONG_INGREDIENT: Category.GOAL,
-    Subcategory.WRONG_ORDER: Category.GOAL,
+    Subcategory.INGREDIENT: Category.GOAL,
+    Subcategory.ORDER: Category.GOAL,
+    Subcategory.BOTH_UNCERTAINTIES: Category.GOAL,
     Subcategory.OUT_OF_STEPS: Category.OTHER,
     Subcategory.NOT_PLAYED: Category.OTHER,
 }
+
+TOGETHER = {
+    Subcategory.BOTH_RULES: {Subcategory.ONE_ITEM, Subcategory.ONE_IN_HAND},
+    Subcategory.BOTH_UNCERTAINTIES: {Subcategory.INGREDIENT, Subcategory.ORDER},
+}
+"""Subcategories that stand for evidence of two others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,11 +134,18 @@ def classify(trajectory: Trajectory, budget: int) -> Failure | None:
 
 
 def _failure(found: list[Evidence]) -> Failure:
-    """Return a failure of the subcategory with most evidence; the latest one wins a tie."""
+    """Return a failure of the subcategory with most evidence; the latest one wins a tie.
+
+    Of the two rules, or the two uncertainties, both are named if both have evidence.
+    """
     counts = Counter(each.subcategory for each in found)
     most = max(counts.values())
     chosen = next(e.subcategory for e in reversed(found) if counts[e.subcategory] == most)
-    kept = tuple(each for each in found if each.subcategory is chosen)
+    meant = {chosen}
+    for both, parts in TOGETHER.items():
+        if chosen in parts and parts <= counts.keys():
+            chosen, meant = both, parts
+    kept = tuple(each for each in found if each.subcategory in meant)
     return Failure(CATEGORIES[chosen], chosen, kept)
 
 
@@ -196,14 +208,14 @@ def _worked_later(answers: Iterable[StepAnswer], failed: StepAnswer) -> bool:
 def _broken_rule(state: State, answer: StepAnswer) -> Subcategory | None:
     """Return the rule that a rejected answer breaks; None if it was, for example, out of turn."""
     if answer.verdict is AnswerVerdict.MALFORMED:
-        return Subcategory.UNKNOWN_ACTION
+        return Subcategory.INVALID_ACTION
     conditions = [u for u in answer.unmet if u.kind in (UnmetKind.CONDITION, UnmetKind.MISSING)]
     kinds = {_rule_of(state, each) for each in conditions}
     return next((kind for kind in _BY_WEIGHT if kind in kinds), None)
 
 
 _BY_WEIGHT = (
-    Subcategory.OUT_OF_REACH,
+    Subcategory.INVALID_ACTION,
     Subcategory.ONE_PLAYER,
     Subcategory.ONE_IN_HAND,
     Subcategory.ONE_ITEM,
@@ -216,7 +228,7 @@ def _rule_of(state: State, unmet: Unmet) -> Subcategory:
     """Return the rule behind an unmet condition, from the domain's layout rules."""
     domain = state.world.task.domain
     if unmet.kind is UnmetKind.MISSING:
-        return Subcategory.OUT_OF_REACH
+        return Subcategory.INVALID_ACTION
     rules = {rule.predicate: rule for rule in domain.layout or ()}
     types = next(p.param_types for p in domain.predicate_defs if p.name == unmet.predicate)
     of_players = bool({*domain.player_types} & {*types})
@@ -225,18 +237,18 @@ def _rule_of(state: State, unmet: Unmet) -> Subcategory:
     room = rule is not None and rule.unless is not None
     when = rule.when if rule else None
     if of_players:
-        return Subcategory.ONE_IN_HAND if room else Subcategory.OUT_OF_REACH
+        return Subcategory.ONE_IN_HAND if room else Subcategory.INVALID_ACTION
     if room and of_stations:
         taken = {rules[name].when for name in (rule and rule.unless) or () if name in rules}
         return Subcategory.ONE_PLAYER if "faces" in taken else Subcategory.ONE_ITEM
     if when in ("bottom_of_stack", "next_in_stack"):
         near = [name for name, each in rules.items() if each.when == "shares_tile"]
         there = any(state.holds(name, *unmet.objects) for name in near)
-        return Subcategory.ONE_ITEM if there else Subcategory.OUT_OF_REACH
+        return Subcategory.ONE_ITEM if there else Subcategory.INVALID_ACTION
     if when == "top_of_stack":
         return Subcategory.ONE_ITEM
     if when == "shares_tile" and of_stations:
-        return Subcategory.OUT_OF_REACH
+        return Subcategory.INVALID_ACTION
     return Subcategory.OTHER_RULE
 
 
@@ -289,7 +301,7 @@ def _false_beliefs(trajectory: Trajectory) -> Iterator[Evidence]:
                     yield Evidence(
                         answer.step,
                         answer.seat,
-                        Subcategory.BELIEVED_DONE,
+                        Subcategory.PREDICATES,
                         text,
                         lasting=number >= late,
                     )
@@ -396,10 +408,10 @@ class _GoalRequirements:
         kinds = tuple(self._world.thing(name).kind for name in atom[1:])
         first, name = kinds[0], atom[1]
         if first in {t.kind for t in self._world.placed} and first not in self._kinds:
-            return Subcategory.WRONG_INGREDIENT
+            return Subcategory.INGREDIENT
         if any(not state.holds(p, name) for p in self._wanted.get(first, ())):
-            return Subcategory.UNPREPARED
+            return Subcategory.INGREDIENT
         pairs = self._pairs.get(atom[0])
         if pairs and kinds not in pairs and {k for pair in pairs for k in pair} >= set(kinds):
-            return Subcategory.WRONG_ORDER
+            return Subcategory.ORDER
         return None

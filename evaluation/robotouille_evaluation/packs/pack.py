@@ -5,7 +5,8 @@
     task = pack.load(instance)                      # a `robotouille.Task`
     budget = pack.budget(instance, "published")     # the step limit
 
-A pack contains texts, not files, so it can be sent elsewhere. Packs with equal digests are equal.
+A pack contains texts, not files, so it can be sent elsewhere. Packs with equal digests are equal,
+apart from published results.
 """
 
 from __future__ import annotations
@@ -232,11 +233,29 @@ class Experiment:
         return (folder,) if isinstance(folder, str) and folder else ()
 
 
+@dataclass(frozen=True, slots=True)
+class FigureData:
+    """Published numbers behind a part of a figure, to show next to other results.
+
+    Attributes:
+        figure: `optimality`, `steps_to_go`, `repeated_transitions` or `failures`.
+        player: Player of the results, such as `gpt-4o, ReAct`.
+        group: `successes` or `failures`; of the figure `failures`, category and subcategory.
+        values: A number for each episode; of the figure `failures`, their count.
+    """
+
+    figure: str
+    dataset: str
+    player: str
+    group: str
+    values: tuple[float, ...]
+
+
 @dataclass(frozen=True)
 class Pack:
     """Tasks of one domain with their instances, prompts and examples.
 
-    `domain` is the text of a domain file that extends no other.
+    `domain` is the text of a domain file that extends no other. `figures` are published results.
     """
 
     name: str
@@ -247,11 +266,14 @@ class Pack:
     prompts: tuple[Prompt, ...] = ()
     examples: tuple[Examples, ...] = ()
     experiments: tuple[Experiment, ...] = ()
+    figures: tuple[FigureData, ...] = ()
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of the whole content, in 64 hexadecimal digits."""
-        text = json.dumps(fields_of(self), default=fields_of, sort_keys=True, separators=(",", ":"))
+        """SHA-256 of all that is evaluated on, in 64 hexadecimal digits."""
+        content = fields_of(self)
+        del content["figures"]  # Published results make no difference to other results.
+        text = json.dumps(content, default=fields_of, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()
 
     @cached_property

@@ -20,6 +20,7 @@ from robotouille.errors import Fault, FileError
 from robotouille_evaluation.packs.pack import (
     Examples,
     Experiment,
+    FigureData,
     Pack,
     PackInstance,
     PackTask,
@@ -32,6 +33,7 @@ from robotouille_evaluation.packs.published_configuration import (
     read_yaml,
     require_inside,
 )
+from robotouille_evaluation.packs.published_figures import NOTEBOOK, read_figures
 from robotouille_evaluation.packs.published_layouts import generate_layout
 
 NAME = "published"
@@ -130,6 +132,7 @@ def read_checkout(
         prompts,
         examples,
         experiments,
+        _figures(reading),
     )
     reading.missing += _unmet(pack)
     return ImportedCheckout(
@@ -263,6 +266,17 @@ def _experiments(reading: _Reading) -> Iterator[Experiment]:
         else:
             if experiment is not None:
                 yield experiment
+
+
+def _figures(reading: _Reading) -> tuple[FigureData, ...]:
+    try:
+        found = read_figures(reading.root)
+    except FileError as error:
+        reading.failed(error)
+        return ()
+    if not found:
+        reading.missing.append(NOTEBOOK)
+    return found
 
 
 def _unmet(pack: Pack) -> Iterator[str]:

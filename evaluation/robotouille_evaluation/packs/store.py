@@ -2,6 +2,7 @@
 
     manifest.json             format, name, version, digest, and the hash of every file
     domain.json tasks.json instances.json prompts.json examples.json experiments.json
+    figures.json              published results, if the pack has any
 
 Problems are stored as JSON values, not as strings.
 """
@@ -26,6 +27,7 @@ from robotouille_evaluation.packs.published_configuration import setting_faults
 FORMAT = "robotouille-pack/1"
 MANIFEST = "manifest.json"
 LISTS = ("tasks", "instances", "prompts", "examples", "experiments")
+OPTIONAL = "figures"
 WITH_PROBLEMS = ("tasks", "instances")
 MAX_PACK_FILE_BYTES = 64 * 1024 * 1024
 
@@ -108,6 +110,8 @@ def _files(pack: Pack) -> dict[str, str]:
         if name in ("tasks", "instances"):
             rows = [{**row, "problem": json.loads(row["problem"])} for row in rows]
         values[f"{name}.json"] = rows
+    if pack.figures:
+        values[f"{OPTIONAL}.json"] = [fields_of(part) for part in pack.figures]
     texts = {name: _text(value) for name, value in values.items()}
     manifest = {
         "format": FORMAT,
@@ -193,6 +197,7 @@ def _read(path: Path) -> bytes:
 def _raw(manifest: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
     """Return the fields of a pack, with JSON values converted to texts."""
     raw: dict[str, Any] = {name: values[f"{name}.json"] for name in LISTS}
+    raw[OPTIONAL] = values.get(f"{OPTIONAL}.json", [])
     for name in WITH_PROBLEMS:
         raw[name] = [{**row, "problem": canonical_json(row["problem"])} for row in raw[name]]
     domain = canonical_json(values["domain.json"])

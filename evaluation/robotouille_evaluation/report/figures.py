@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from robotouille.html_report.figures import (
     COLOURS,
@@ -21,6 +21,11 @@ from robotouille.html_report.intervals import Interval
 from robotouille_evaluation.metrics.outcomes import optimality_rate, succeeded, with_goal
 from robotouille_evaluation.metrics.rows import ResultRow
 from robotouille_evaluation.report import published
+from robotouille_evaluation.report.bins import (
+    OPTIMALITY_BINS,
+    STEPS_TO_GO_BINS,
+    optimality_bin,
+)
 from robotouille_evaluation.report.grouping import (
     DATASETS,
     RowGroups,
@@ -29,16 +34,17 @@ from robotouille_evaluation.report.grouping import (
     named,
     part_played,
 )
-from robotouille_evaluation.report.tables import STEPS_TO_GO_BINS, bin_of_steps_to_go
+from robotouille_evaluation.report.reference import FailureKind, Reference
+from robotouille_evaluation.report.tables import bin_of_steps_to_go
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+T = TypeVar("T")
+
 MAX_PANELS, MAX_BARS = 12, 40
 """Players with a panel or with bars. If there are more, those with the most episodes are drawn."""
-OPTIMALITY_BINS = ("1", "1 to 1.25", "1.25 to 1.5", "more than 1.5")
-"""Bins of the published histogram: 1.25 is in `1.25 to 1.5`, and so is 1.5."""
 CATEGORY_COLOURS = {
     "state": COLOURS[0],
     "action": COLOURS[3],
@@ -49,12 +55,17 @@ CATEGORY_COLOURS = {
 SHORT_NAMES = {"synchronous": "sync", "asynchronous": "async", "multi_agent": "team"}
 
 
-def all_figures(rows: Sequence[ResultRow]) -> list[ReportFigure]:
-    """Return every figure for which there is data. Shifts have tables only."""
+def all_figures(
+    rows: Sequence[ResultRow], reference: Reference = Reference()
+) -> list[ReportFigure]:
+    """Return every figure for which there is data, with published numbers for reference.
+
+    Shifts have tables only.
+    """
     rows = with_goal(rows)
-    figures = [success_bars, optimality_histogram, steps_to_go_histogram, repeated_transitions,
-               failure_pies]  # fmt: skip
-    return [drawn for figure in figures if (drawn := figure(rows)) is not None]
+    figures = [optimality_histogram, steps_to_go_histogram, repeated_transitions, failure_pies]
+    drawn = [success_bars(rows), *(figure(rows, reference) for figure in figures)]
+    return [figure for figure in drawn if figure is not None]
 
 
 # Success
@@ -92,13 +103,13 @@ def success_bars(rows: Sequence[ResultRow]) -> ReportFigure | None:
     )
 
 
-def _largest(groups: RowGroups, number: int) -> RowGroups:
-    """Return the groups with the most rows, in their original order."""
+def _largest(groups: Mapping[str, list[T]], number: int) -> dict[str, list[T]]:
+    """Return the groups with the most entries, in their original order."""
     chosen = set(sorted(groups, key=lambda name: -len(groups[name]))[:number])
     return {name: group for name, group in groups.items() if name in chosen}
 
 
-def _left_out(groups: RowGroups, shown: RowGroups) -> str:
+def _left_out(groups: Sized, shown: Sized) -> str:
     left = len(groups) - len(shown)
     return f" {left} more players are in the tables." if left else ""
 
@@ -176,8 +187,8 @@ def _set_colour(dataset: str) -> str:
 def _panels(
     name: str,
     caption: str,
-    panels: RowGroups,
-    draw: Callable[[Axes, list[ResultRow]], None],
+    panels: Mapping[str, list[T]],
+    draw: Callable[[Axes, list[T]], None],
 ) -> ReportFigure | None:
     shown = _largest(panels, MAX_PANELS)
     if not shown:
@@ -207,19 +218,14 @@ def _chosen(rows: Sequence[ResultRow], wanted: Callable[[ResultRow], bool]) -> R
 
 def _optimality_bin(row: ResultRow) -> str | None:
     rate = optimality_rate(row)
-    if rate is None:
-        return None
-    one, low, middle, high = OPTIMALITY_BINS
-    if rate < 1.25:
-        return one if rate <= 1 else low
-    return middle if rate <= 1.5 else high
+    return None if rate is None else optimality_bin(rate)
 
 
-def optimality_histogram(rows: Sequence[ResultRow]) -> ReportFigure | None:
+def optimality_histogram(rows: Sequence[ResultRow], reference: Reference) -> ReportFigure | None:
     """Draw the optimality rates of successes (paper, figure "histogram_optimality")."""
 
     def draw(axes: Axes, group: list[ResultRow]) -> None:
-        _histogram(axes, group, _optimality_bin, OPTIMALITY_BINS, published.OPTIMALITY)
+        _histogram(axes, group, _optimality_bin, OPTIMALITY_BINS, reference.optimality)
         axes.set_xlabel("steps / fewest steps")
         axes.set_ylabel("% of successes")
 
@@ -231,14 +237,14 @@ def optimality_histogram(rows: Sequence[ResultRow]) -> ReportFigure | None:
     return _panels("optimality", caption, groups, draw)
 
 
-def steps_to_go_histogram(rows: Sequence[ResultRow]) -> ReportFigure | None:
+def steps_to_go_histogram(rows: Sequence[ResultRow], reference: Reference) -> ReportFigure | None:
     """Draw the normalised steps to go of failures (paper, figure "histogram_steps_to_go")."""
 
     def bin_of(row: ResultRow) -> str | None:
         return bin_of_steps_to_go(row.measures)
 
     def draw(axes: Axes, group: list[ResultRow]) -> None:
-        _histogram(axes, group, bin_of, STEPS_TO_GO_BINS, published.STEPS_TO_GO)
+        _histogram(axes, group, bin_of, STEPS_TO_GO_BINS, reference.steps_to_go)
         axes.set_xlabel("steps to go / fewest steps")
         axes.set_ylabel("% of failures")
 
@@ -280,24 +286,32 @@ def _histogram(
     axes.legend(loc="upper right", borderaxespad=0, fontsize=7.5, handlelength=1)
 
 
-def repeated_transitions(rows: Sequence[ResultRow]) -> ReportFigure | None:
+def repeated_transitions(rows: Sequence[ResultRow], reference: Reference) -> ReportFigure | None:
     """Draw the repeated transitions of episodes (paper, "histogram_repeated_transitions")."""
 
     def draw(axes: Axes, group: list[ResultRow]) -> None:
-        labels, values, colours = [], [], []
+        labels: list[str] = []
+        values: list[list[float]] = []
+        colours: list[str] = []
         for dataset, episodes in datasets(group).items():
             for result, won in (("won", True), ("lost", False)):
-                found = [row.repetitions for row in episodes if succeeded(row) == won]
+                found: list[float] = [row.repetitions for row in episodes if succeeded(row) == won]
                 if found:
                     labels.append(f"{_short_name(dataset)}\n{result}")
                     values.append(found)
                     colours.append(_set_colour(dataset))
+                theirs = reference.repetitions.get((dataset, "successes" if won else "failures"))
+                if theirs:
+                    labels.append("paper")
+                    values.append(list(theirs))
+                    colours.append("none")
         boxes = axes.boxplot(values, tick_labels=labels, patch_artist=True, widths=0.6,
                              medianprops={"color": INK, "linewidth": 1.6},
                              whiskerprops={"color": SOFT}, capprops={"color": SOFT},
                              flierprops={"markersize": 3, "markeredgecolor": SOFT})  # fmt: skip
         for box, colour in zip(boxes["boxes"], colours, strict=True):
-            box.set(facecolor=colour, edgecolor=colour, alpha=0.75)
+            edge = SOFT if colour == "none" else colour
+            box.set(facecolor=colour, edgecolor=edge, alpha=0.75)
         axes.tick_params(axis="x", labelsize=7.5, length=0)
         axes.set_ylim(-0.5, max(4, 1.05 * max(map(max, values))))
         axes.set_ylabel("repeated transitions")
@@ -305,6 +319,7 @@ def repeated_transitions(rows: Sequence[ResultRow]) -> ReportFigure | None:
     caption = (
         "Steps that repeat an earlier step of the episode. Boxes span the quartiles, with a line "
         "at the median. Whiskers extend to 1.5 times the height of the box."
+        + (" Hollow boxes are the published results." if reference.repetitions else "")
     )
     return _panels("repeated_transitions", caption, named(rows), draw)
 
@@ -316,26 +331,30 @@ def _short_name(dataset: str) -> str:
 # Failures
 
 
-def failure_pies(rows: Sequence[ResultRow]) -> ReportFigure | None:
+def failure_pies(rows: Sequence[ResultRow], reference: Reference) -> ReportFigure | None:
     """Draw failures by category and subcategory, nested (paper, figure "piechart_taxonomy")."""
-    groups: RowGroups = {}
+    pies: dict[str, list[FailureKind]] = {}
     for name, group in named(rows).items():
         for dataset, episodes in datasets(group).items():
-            if lost := [row for row in episodes if row.measures.failure]:
-                groups[f"{name} · {_short_name(dataset)} ({len(lost)})"] = lost
+            causes = [cause for row in episodes if (cause := row.measures.failure)]
+            if causes:
+                label = f"{name} · {_short_name(dataset)} ({len(causes)})"
+                pies[label] = [(cause.category, cause.subcategory) for cause in causes]
+    sets = datasets(rows) if pies else {}
+    for (player, dataset), kinds in reference.failure_kinds.items():
+        if dataset in sets:
+            pies[f"{player} · {_short_name(dataset)} ({len(kinds)}, published)"] = list(kinds)
     caption = (
         "Reasons for failures according to the classifier. The outer ring is the category (state, "
         "action, transition function or goal), the inner ring the subcategory."
     )
-    return _panels("failures", caption, groups, _pie)
+    if reference.failure_kinds:
+        caption += " People decided about the published failures."
+    return _panels("failures", caption, pies, _pie)
 
 
-def _pie(axes: Axes, group: list[ResultRow]) -> None:
-    kinds = Counter(
-        (failure.category, failure.subcategory)
-        for row in group
-        if (failure := row.measures.failure)
-    )
+def _pie(axes: Axes, failures: list[FailureKind]) -> None:
+    kinds = Counter(failures)
     order = sorted(kinds, key=lambda kind: (list(CATEGORY_COLOURS).index(kind[0]), kind[1]))
     outer = Counter[str]()
     for category, subcategory in order:
@@ -363,7 +382,12 @@ def _pie(axes: Axes, group: list[ResultRow]) -> None:
     )[0]
     common = [(kinds[kind], kind[1], w) for kind, w in zip(order, wedges, strict=True)]
     shown = sorted(common, key=lambda each: -each[0])[:4]
-    labels = [f"{short_label(name, 24)} {100 * count / total:.0f} %" for count, name, _ in shown]
+    labels = [f"{_short_kind(name)} {100 * count / total:.0f} %" for count, name, _ in shown]
     axes.legend([w for *_, w in shown], labels, loc="upper center", bbox_to_anchor=(0.5, 0),
                 fontsize=7, ncols=2, handlelength=1, columnspacing=1)  # fmt: skip
     axes.grid(visible=False)
+
+
+def _short_kind(subcategory: str) -> str:
+    """Return a subcategory that fits into the legend: `'One item at station'`."""
+    return short_label(subcategory.removeprefix("Violates ").removesuffix(" rule"), 25)

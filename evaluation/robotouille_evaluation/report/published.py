@@ -73,13 +73,13 @@ FAILURES = {
     "synchronous": {
         "goal": 64.1,
         "transition": 32.1,
-        "goal: bad start": 28.3,
-        "transition: one item at a station": 24.5,
+        "goal: Bad Start": 28.3,
+        "transition: Violates 'One item at station' rule": 24.5,
     },
     "asynchronous": {
         "goal": 34.1,
         "transition": 56.8,
-        "transition: one item at a station": 53.4,
+        "transition: Violates 'One item at station' rule": 53.4,
     },
 }
 """Section 4.2.3, finding 4: gpt-4o ReAct, per cent of failures, annotated by people."""

@@ -6,7 +6,6 @@ import csv
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from io import StringIO
-from math import inf
 from statistics import fmean
 
 from robotouille.html_report.intervals import Interval
@@ -17,6 +16,12 @@ from robotouille_evaluation.metrics.asynchrony import success_by_asynchronous_fi
 from robotouille_evaluation.metrics.rows import EpisodeMeasures, ResultRow
 from robotouille_evaluation.metrics.statistics import mcnemar_test
 from robotouille_evaluation.report import published
+from robotouille_evaluation.report.bins import (
+    AWAY,
+    FARTHER_AWAY,
+    STEPS_TO_GO_BINS,
+    steps_to_go_bin,
+)
 from robotouille_evaluation.report.grouping import (
     by,
     datasets,
@@ -27,6 +32,7 @@ from robotouille_evaluation.report.grouping import (
     task_number,
     tasks,
 )
+from robotouille_evaluation.report.reference import REACT, Reference
 
 NONE = "–"
 WORDS = frozenset(
@@ -34,15 +40,10 @@ WORDS = frozenset(
 )
 MAX_COMPARED = 30
 """Players compared in pairs. The table has a row for each pair, so it grows quadratically."""
-STEPS_TO_GO_BINS = ("below 0.5", "0.5 to 1", "1 to 1.5", "1.5 or more", "out of reach")
-"""Bins of the published histogram, which contain their lower bounds: 1 is in `1 to 1.5`."""
-FARTHER_AWAY, AWAY = STEPS_TO_GO_BINS[2:4], "1 or more"
-"""Bins that the paper's text adds up, and their sum."""
-REACT = "gpt-4o, ReAct"
 
 
-def all_tables(rows: Sequence[ResultRow]) -> list[Table]:
-    """Return every table for which there is data."""
+def all_tables(rows: Sequence[ResultRow], reference: Reference = Reference()) -> list[Table]:
+    """Return every table for which there is data, with published numbers for reference."""
     goals = outcomes.with_goal(rows)
     shifts = [row for row in rows if row.score is not None]
     found = [
@@ -50,11 +51,11 @@ def all_tables(rows: Sequence[ResultRow]) -> list[Table]:
         *success_by_task(goals),
         scores(shifts),
         scores_by_task(shifts),
-        optimality(goals),
-        steps_to_go(goals),
-        behaviour(rows),
+        optimality(goals, reference),
+        steps_to_go(goals, reference),
+        behaviour(rows, reference),
         asynchronous_first(goals),
-        failures(goals),
+        failures(goals, reference),
         teams(rows),
         real_time(rows),
         ablations(rows),
@@ -93,7 +94,7 @@ def _percent(share: float | None) -> str:
 
 
 def _published(value: float | None) -> str:
-    return NONE if value is None else f"{value:g} %"
+    return NONE if value is None else f"{value:.3g} %"
 
 
 def _number(value: float | None, form: str = ".3g") -> str:
@@ -225,7 +226,7 @@ def scores_by_task(rows: Sequence[ResultRow]) -> Table:
 # Quality of successes and failures
 
 
-def optimality(rows: Sequence[ResultRow]) -> Table:
+def optimality(rows: Sequence[ResultRow], reference: Reference) -> Table:
     """Return the lengths of successes relative to the optimum (paper, finding 2)."""
     lines = []
     for name, dataset, episodes in _by_player_and_set(rows):
@@ -234,9 +235,9 @@ def optimality(rows: Sequence[ResultRow]) -> Table:
             share = percent(interval(episodes, outcomes.is_optimal))
             cells = (_number(fmean(rates), ".2f"), _number(max(rates), ".2f"), str(len(rates)))
             lines.append(TableRow((name, dataset, share, *cells)))
-    for dataset, bins in published.OPTIMALITY.items():
+    for dataset, bins in reference.optimality.items():
         if any(row.dataset == dataset for row in rows):
-            lines.append(_reference(REACT, dataset, _published(bins["1"]), NONE, NONE, NONE))
+            lines.append(_reference(REACT, dataset, _published(bins.get("1")), NONE, NONE, NONE))
     note = "Optimality rate: steps taken / fewest steps, of successes with a proven optimum."
     columns = ("player", "data set", "optimal", "mean rate", "largest", "successes")
     return _table("optimality", "Optimality of successes", columns, lines, note)
@@ -249,16 +250,11 @@ def bin_of_steps_to_go(measures: EpisodeMeasures) -> str | None:
     least, most = measures.to_go_least, measures.to_go_most
     if least is None or most is None:
         return None
-    found = {_bin(least), _bin(most)}
+    found = {steps_to_go_bin(least), steps_to_go_bin(most)}
     return found.pop() if len(found) == 1 else None
 
 
-def _bin(value: float) -> str:
-    limits = zip((0.5, 1, 1.5, inf), STEPS_TO_GO_BINS, strict=False)
-    return next(name for limit, name in limits if value < limit)
-
-
-def steps_to_go(rows: Sequence[ResultRow]) -> Table:
+def steps_to_go(rows: Sequence[ResultRow], reference: Reference) -> Table:
     """Return the distance of failures from the goal (paper, finding 3)."""
     lines = []
     for name, dataset, episodes in _by_player_and_set(rows):
@@ -270,7 +266,7 @@ def steps_to_go(rows: Sequence[ResultRow]) -> Table:
             lines.append(
                 TableRow((name, dataset, *shares, away, str(total), str(len(bins) - total)))
             )
-    for dataset, known in published.STEPS_TO_GO.items():
+    for dataset, known in reference.steps_to_go.items():
         if any(row.dataset == dataset for row in rows):
             shares = [_published(known.get(each)) for each in (*STEPS_TO_GO_BINS, AWAY)]
             lines.append(_reference(REACT, dataset, *shares, NONE, NONE))
@@ -285,7 +281,7 @@ def steps_to_go(rows: Sequence[ResultRow]) -> Table:
     return _table("steps_to_go", "Steps to go of failures", columns, lines, note)
 
 
-def behaviour(rows: Sequence[ResultRow]) -> Table:
+def behaviour(rows: Sequence[ResultRow], reference: Reference) -> Table:
     """Return repetition, invalid answers, recovery and waiting (paper, finding 5)."""
     lines = []
     for name, dataset, episodes in _by_player_and_set(rows):
@@ -306,6 +302,9 @@ def behaviour(rows: Sequence[ResultRow]) -> Table:
             _percent(_mean(each.idle_share for each in measures)),
         )
         lines.append(TableRow((name, dataset, *cells)))
+    for dataset in datasets(rows) if reference.repetitions else ():
+        repeated = (reference.mean_repetitions(dataset, each) for each in ("successes", "failures"))
+        lines.append(_reference(REACT, dataset, *map(_number, repeated), *[NONE] * 6))
     columns = ("player", "data set", "repeated, successes", "repeated, failures", "invalid",
                "malformed", "recovered", "repeated mistakes", "waiting", "idle")  # fmt: skip
     note = (
@@ -338,7 +337,7 @@ def asynchronous_first(rows: Sequence[ResultRow]) -> Table:
     return _table("asynchronous_first", "Asynchronous work first", columns, lines, note)
 
 
-def failures(rows: Sequence[ResultRow]) -> Table:
+def failures(rows: Sequence[ResultRow], reference: Reference) -> Table:
     """Return failures by category and subcategory (paper, finding 4)."""
     lines = []
     for name, dataset, episodes in _by_player_and_set(rows):
@@ -347,7 +346,7 @@ def failures(rows: Sequence[ResultRow]) -> Table:
         for (category, subcategory), count in sorted(kinds.items()):
             cells = (_percent(count / len(found)), str(count))
             lines.append(TableRow((name, dataset, category, subcategory, *cells)))
-    for dataset, shares in published.FAILURES.items() if lines else ():
+    for dataset, shares in reference.failures.items() if lines else ():
         if any(row.dataset == dataset for row in rows):
             for key, value in shares.items():
                 kind, _, detail = key.partition(": ")

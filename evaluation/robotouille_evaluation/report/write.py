@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from types import UnionType
@@ -16,9 +16,11 @@ from robotouille.errors import MissingExtraError, RobotouilleError
 from robotouille.html_report import require_libraries
 from robotouille.html_report.figures import ReportFigure
 from robotouille_evaluation.metrics.rows import Category, Number, ResultRow
+from robotouille_evaluation.packs.pack import FigureData
 from robotouille_evaluation.report.dependency_graph import dependency_graph, draw_graph
 from robotouille_evaluation.report.figures import all_figures
 from robotouille_evaluation.report.grouping import datasets, tasks
+from robotouille_evaluation.report.reference import reference_of
 from robotouille_evaluation.report.tables import all_tables, csv_text
 
 OURS = "ours"
@@ -32,6 +34,7 @@ def write_report(
     title: str = "Robotouille: results",
     graphs: Sequence[ReportFigure] | None = None,
     folders: Mapping[str, Path] | None = None,
+    figures: Iterable[FigureData] = (),
 ) -> Path:
     """Write `report.html`, `figures/NAME.svg` and `.png`, `tables/NAME.csv` and `rows.parquet`.
 
@@ -45,6 +48,8 @@ def write_report(
             were played.
         folders: The folder of each run by its name, for the paths of recordings. By default, the
             parent of the report's folder.
+        figures: Published results of an imported pack. By default, the numbers that the paper
+            prints.
 
     Returns:
         The path of the page.
@@ -59,11 +64,12 @@ def write_report(
     from robotouille_evaluation.report.page import results_page
 
     rows = sorted(rows, key=_order)
-    tables, figures = all_tables(rows), all_figures(rows)
+    reference = reference_of(figures)
+    tables, drawn = all_tables(rows, reference), all_figures(rows, reference)
     graphs = list(task_graphs(rows)) if graphs is None else graphs
     for name in ("figures", "tables"):
         (folder / name).mkdir(parents=True, exist_ok=True)
-    for figure in (*figures, *graphs):
+    for figure in (*drawn, *graphs):
         (folder / "figures" / f"{figure.name}.svg").write_text(figure.svg, encoding="utf-8")
         (folder / "figures" / f"{figure.name}.png").write_bytes(figure.png)
     for table in tables:
@@ -73,7 +79,7 @@ def write_report(
     page = folder / "report.html"
     if folders is None:
         folders = {row.run: folder.parent for row in rows}
-    page.write_text(results_page(rows, tables, figures, graphs, title, folders), encoding="utf-8")
+    page.write_text(results_page(rows, tables, drawn, graphs, title, folders), encoding="utf-8")
     return page
 
 

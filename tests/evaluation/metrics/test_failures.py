@@ -73,10 +73,10 @@ def test_stacked_items_at_the_board() -> None:
 @pytest.mark.parametrize(
     ("text", "subcategory"),
     [
-        ("Transfer lettuce1 to bread1", Subcategory.UNKNOWN_ACTION),
-        ("Make a cut in lettuce1 at table2 with robot1", Subcategory.OUT_OF_REACH),
-        ("Pick up bread2 at table4 with robot1", Subcategory.OUT_OF_REACH),
-        ("Pick up lettuce1 at board1 with robot1", Subcategory.OUT_OF_REACH),
+        ("Transfer lettuce1 to bread1", Subcategory.INVALID_ACTION),
+        ("Make a cut in lettuce1 at table2 with robot1", Subcategory.INVALID_ACTION),
+        ("Pick up bread2 at table4 with robot1", Subcategory.INVALID_ACTION),
+        ("Pick up lettuce1 at board1 with robot1", Subcategory.INVALID_ACTION),
         ("Pick up bread1 at board1 with robot1", Subcategory.ONE_IN_HAND),
         ("Put down lettuce1 at board1 with robot1", Subcategory.ONE_ITEM),
     ],
@@ -85,6 +85,12 @@ def test_rule_that_a_rejected_answer_breaks(text: str, subcategory: Subcategory)
     course = with_rejected(solo(LETTUCE_SANDWICH, *BREAD_ON_BOARD), text)
     assert [each.subcategory for each in evidence(course)] == [subcategory]
     assert found(course) == (CATEGORIES[subcategory], subcategory)
+
+
+def test_violations_of_both_rules() -> None:
+    texts = ("Pick up bread1 at board1 with robot1", "Put down lettuce1 at board1 with robot1")
+    course = with_rejected(solo(LETTUCE_SANDWICH, *BREAD_ON_BOARD), *texts)
+    assert found(course) == (Category.TRANSITION, Subcategory.BOTH_RULES)
 
 
 def test_goal_outweighs_recovered_mistakes() -> None:
@@ -98,10 +104,10 @@ def test_goal_outweighs_recovered_mistakes() -> None:
         "Move robot1 from table3 to table4",
         "Pick up bread2 at table4 with robot1",
     )
-    assert found(course) == (Category.GOAL, Subcategory.UNPREPARED)
+    assert found(course) == (Category.GOAL, Subcategory.INGREDIENT)
     early = refused(course, 2, "Pick up bread2 at table4 with robot1")
     course = replace(course, answers=(*course.answers[:2], *early, *course.answers[2:]))
-    assert found(course) == (Category.GOAL, Subcategory.UNPREPARED)
+    assert found(course) == (Category.GOAL, Subcategory.INGREDIENT)
 
 
 def test_corrected_mistakes_are_not_goal_failures() -> None:
@@ -120,7 +126,7 @@ def test_false_claims() -> None:
     course = solo(LETTUCE_SANDWICH, "Move robot1 from table5 to table2")
     received = replace(course.answers[0], reasoning="Bread, lettuce. lettuce1 is already cut.")
     course = replace(course, answers=(received,))
-    assert found(course) == (Category.STATE, Subcategory.BELIEVED_DONE)
+    assert found(course) == (Category.STATE, Subcategory.PREDICATES)
 
 
 @pytest.mark.parametrize(
@@ -167,7 +173,7 @@ def test_wrong_ingredient() -> None:
         "Move robot1 from table2 to table1",
         "Stack tomato1 onto bread1 at table1 with robot1",
     )
-    assert found(course) == (Category.GOAL, Subcategory.WRONG_INGREDIENT)
+    assert found(course) == (Category.GOAL, Subcategory.INGREDIENT)
 
 
 def test_wrong_order() -> None:
@@ -179,7 +185,7 @@ def test_wrong_order() -> None:
         "Move robot1 from table1 to table2",
         "Stack bread1 onto cheese1 at table2 with robot1",
     )
-    assert found(course) == (Category.GOAL, Subcategory.WRONG_ORDER)
+    assert found(course) == (Category.GOAL, Subcategory.ORDER)
 
 
 def test_right_order_is_not_evidence() -> None:

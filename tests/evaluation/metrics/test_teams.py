@@ -75,7 +75,7 @@ def test_measures_of_a_wandering_cook() -> None:
         to_go_most=0.5,
         waiting_share=0.0,
         idle_share=0.0,
-        failure=FailureRow(category=Category.OTHER, subcategory="out of steps"),
+        failure=FailureRow(category=Category.OTHER, subcategory="Out of Steps"),
     )
 
 

@@ -94,7 +94,7 @@ def test_text_of_rows_is_escaped() -> None:
 def test_recordings_have_paths_from_their_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(write, "all_figures", lambda rows: [])
+    monkeypatch.setattr(write, "all_figures", lambda *_: [])
     rows = [row(run=name, recording="recordings/a.rbt") for name in ("mine", "other")]
     folders = {"mine": Path("runs/my run"), "other": Path("/runs/other")}
     page = results_page(rows, (), (), folders=folders)
