@@ -33,19 +33,24 @@ class ModelRequest:
 
 @dataclass(frozen=True, slots=True)
 class Usage:
-    """Tokens sent and received, and their cost if the prices are known."""
+    """Tokens sent and received, and their cost; None if prices or tokens are unknown."""
 
     prompt_tokens: int = 0
     completion_tokens: int = 0
     cost: float | None = None
 
     def __add__(self, other: Usage) -> Usage:
-        costs = [cost for cost in (self.cost, other.cost) if cost is not None]
+        """Return the sum, whose cost is unknown if one of the costs is."""
+        unknown = self.cost is None or other.cost is None
         return Usage(
             self.prompt_tokens + other.prompt_tokens,
             self.completion_tokens + other.completion_tokens,
-            sum(costs) if costs else None,
+            None if unknown else (self.cost or 0) + (other.cost or 0),
         )
+
+
+NOTHING = Usage(cost=0.0)
+"""Usage of a request that was not answered, and of no requests."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +114,7 @@ class ModelError(RobotouilleError):
         detail: str,
         *,
         retry_may_help: bool = False,
-        usage: Usage = Usage(),  # frozen
+        usage: Usage = NOTHING,
         attempts: int = 1,
     ) -> None:
         self.kind = kind

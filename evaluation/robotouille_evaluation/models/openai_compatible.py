@@ -14,11 +14,11 @@ from urllib.parse import urlsplit
 
 from robotouille.errors import MissingExtraError, WrongArgumentError
 from robotouille_evaluation.models.model import (
+    NOTHING,
     Completion,
     ModelError,
     ModelErrorKind,
     ModelRequest,
-    Usage,
 )
 from robotouille_evaluation.models.prices import Prices, listed_cost
 from robotouille_evaluation.models.responses import (
@@ -179,12 +179,12 @@ class OpenAICompatibleModel:
         import anyio
 
         _check_parameters(request.parameters)
-        attempts, used = 0, Usage()
+        attempts, used = 0, NOTHING
         while True:
             try:
                 response = await self._post(request, self.endpoint.attempts - attempts)
             except ModelError as error:
-                raise error.in_total(attempts + error.attempts, used) from None
+                raise error.in_total(attempts + error.attempts, used + error.usage) from None
             attempts += 1 + response.retries_taken
             try:
                 answer = await self._answer(response)

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from robotouille_evaluation.models.model import ModelError, ModelErrorKind, Usage
+from robotouille_evaluation.models.model import NOTHING, ModelError, ModelErrorKind, Usage
 from robotouille_evaluation.models.prices import CostOf
 
 MAX_ANSWER_BYTES = 1_000_000
@@ -55,11 +55,11 @@ def read_completion(
     Raises:
         ModelError: The JSON is not a chat completion, or has no text.
     """
+    usage = _usage(completion.get("usage"), cost)
     error = completion.get("error")
     if isinstance(error, dict | str):  # Some gateways report errors with status 200.
-        raise not_a_completion(f"an error: {excerpt(error, *secrets)}")
-    usage = _usage(completion.get("usage"), cost)
-    choice = _first_choice(completion.get("choices"))
+        raise not_a_completion(f"an error: {excerpt(error, *secrets)}", _charged(usage))
+    choice = _first_choice(completion.get("choices"), _charged(usage))
     reason = choice.get("finish_reason")
     # The reason is recorded, and an endpoint could return the key in it.
     finish_reason = (excerpt(reason, *secrets)[:40] if isinstance(reason, str) else "") or "stop"
@@ -81,10 +81,14 @@ def read_json(body: str, secrets: Sequence[str] = ()) -> Mapping[str, object]:
         raise not_a_completion(f"{excerpt(body, *secrets)[:60]!r} instead of JSON") from None
 
 
-def not_a_completion(found: str) -> ModelError:
-    """Return the error for a response that is not a chat completion."""
+def not_a_completion(found: str, usage: Usage = NOTHING) -> ModelError:
+    """Return the error for a response that is not a chat completion.
+
+    Args:
+        usage: Tokens that the response charges nevertheless.
+    """
     detail = f"the endpoint answered with {found}"
-    return ModelError(ModelErrorKind.ENDPOINT, detail, retry_may_help=True)
+    return ModelError(ModelErrorKind.ENDPOINT, detail, retry_may_help=True, usage=usage)
 
 
 def encodable(text: str) -> str:
@@ -117,10 +121,11 @@ def _mapping(value: object) -> Mapping[str, object]:
     return value if isinstance(value, dict) else {}
 
 
-def _first_choice(choices: object) -> Mapping[str, object]:
+def _first_choice(choices: object, charged: Usage) -> Mapping[str, object]:
     if isinstance(choices, list) and choices and isinstance(choices[0], dict):
         return _mapping(choices[0])
-    raise not_a_completion("JSON that is not a chat completion")
+    found = "no choice" if choices == [] else "JSON that is not a chat completion"
+    raise not_a_completion(found, charged)
 
 
 def _text(content: object) -> str:
@@ -132,16 +137,27 @@ def _text(content: object) -> str:
 
 
 def _usage(usage: object, cost: CostOf | None) -> Usage:
+    """Return the reported tokens with their cost, which is unknown if a count is missing."""
     counted = _mapping(usage)
     sent, received = _count(counted, "prompt_tokens"), _count(counted, "completion_tokens")
+    if sent is None or received is None or cost is None:
+        return Usage(sent or 0, received or 0)
     # Providers charge less for prompt tokens that they have cached.
-    cached = _count(_mapping(counted.get("prompt_tokens_details")), "cached_tokens")
-    return Usage(sent, received, cost(sent, received, min(cached, sent)) if cost else None)
+    cached = _count(_mapping(counted.get("prompt_tokens_details")), "cached_tokens") or 0
+    return Usage(sent, received, cost(sent, received, min(cached, sent)))
 
 
-def _count(usage: Mapping[str, object], name: str) -> int:
+def _charged(usage: Usage) -> Usage:
+    """Return the usage of a response without an answer, which costs nothing without tokens."""
+    return usage if usage.prompt_tokens or usage.completion_tokens else NOTHING
+
+
+def _count(usage: Mapping[str, object], name: str) -> int | None:
+    """Return a count of tokens; None if it is missing or not a count."""
     value = usage.get(name)
-    return value if isinstance(value, int) and 0 <= value <= MAX_TOKENS_COUNTED else 0
+    if type(value) is int and 0 <= value <= MAX_TOKENS_COUNTED:
+        return value
+    return None
 
 
 # Errors

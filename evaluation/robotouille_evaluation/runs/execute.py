@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ from robotouille.errors import FileError, RobotouilleError
 from robotouille.planning import StepsToGo
 from robotouille.replay.container import compress
 from robotouille.replay.recording import Recording
-from robotouille_evaluation.agents.proposal import Complete, ContextOverflow, Exchange, answer_all
+from robotouille_evaluation.agents.proposal import Complete, ContextOverflow, answer_all
 from robotouille_evaluation.metrics.measuring import measure
 from robotouille_evaluation.metrics.outcomes import repeated_transitions, score
 from robotouille_evaluation.metrics.rows import (
@@ -33,6 +33,7 @@ from robotouille_evaluation.metrics.rows import (
 )
 from robotouille_evaluation.metrics.trajectory import Trajectory
 from robotouille_evaluation.models import Model, Usage
+from robotouille_evaluation.models.model import NOTHING
 from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.realtime import Charge, RealTimeSeat
 from robotouille_evaluation.runs.budgets import budget_of
@@ -129,7 +130,7 @@ async def play_job(
         budget=_budget_row(job, limit),
         outcome=result,
         score=measured.score,
-        counts=_count_answers(episode.exchanges, episode.runners),
+        counts=_counts(episode),
         usage=_total_usage(episode.usages),
         seconds=max(0.0, context.clock() - begun),
         repetitions=measured.repetitions,
@@ -172,9 +173,9 @@ class _JobEpisode:
         self._agents = JobAgents(job, context.pack, world)
         self._reversal = reversal_of(job, context.pack, world)
         self.runners: list[RecordedRunner] = []
-        self.exchanges: list[Exchange] = []
         self.usages: list[Usage] = []
         """Usage of all calls, including failed ones."""
+        self.retries = 0
 
     def completes(self, model: Model | None, journals: ExitStack) -> dict[str, Complete]:
         """Return the functions that ask the model for each player, each with its journal."""
@@ -182,10 +183,14 @@ class _JobEpisode:
             player: asking_once(
                 model,
                 journals.enter_context(CallJournal(self._folder.calls(self._job, player))),
-                self.usages.append,
+                self._spend,
             )
             for player in self._world.players
         }
+
+    def _spend(self, usage: Usage, attempts: int) -> None:
+        self.usages.append(usage)
+        self.retries += attempts - 1
 
     async def play(self, complete: Mapping[str, Complete]) -> Result:
         """Play to the end. Raises RobotouilleError or ContextOverflow."""
@@ -255,7 +260,6 @@ class _JobEpisode:
             episode_rules(len(players), limit, step_rate),
             kind="model" if job.agent.kind == "model" else "bot",
             episode=job.id,
-            answered=lambda _, exchange: self.exchanges.append(exchange),
             reversal=self._reversal,
         )
         self.runners.append(runner)
@@ -307,20 +311,19 @@ def _budget_row(job: EpisodeJob, limit: int) -> BudgetRow:
     return BudgetRow(rule=rule, steps=limit)
 
 
-def _count_answers(exchanges: Sequence[Exchange], runners: Sequence[RecordedRunner]) -> Counts:
+def _counts(episode: _JobEpisode) -> Counts:
     """Return the counts of calls, retries and wrong answers of all trials."""
-    answers = [exchange.completion for exchange in exchanges if exchange.completion is not None]
     return Counts(
-        invalid=sum(runner.invalid for runner in runners),
-        malformed=sum(runner.malformed for runner in runners),
-        calls=len(answers),
-        retries=sum(answer.attempts - 1 for answer in answers),
+        invalid=sum(runner.invalid for runner in episode.runners),
+        malformed=sum(runner.malformed for runner in episode.runners),
+        calls=len(episode.usages),
+        retries=episode.retries,
     )
 
 
-def _total_usage(usages: Iterable[Usage]) -> TotalUsage:
-    """Return the tokens and cost of all calls."""
-    total = sum(usages, Usage())
+def _total_usage(usages: Sequence[Usage]) -> TotalUsage:
+    """Return the tokens and cost of all calls; no cost for an agent that calls no model."""
+    total = sum(usages, NOTHING) if usages else Usage()
     return TotalUsage(
         prompt_tokens=total.prompt_tokens,
         completion_tokens=total.completion_tokens,

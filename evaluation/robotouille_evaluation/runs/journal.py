@@ -29,6 +29,7 @@ from robotouille_evaluation.models import (
     ModelRequest,
     Usage,
 )
+from robotouille_evaluation.models.model import NOTHING
 
 
 def append_line(file: FileIO, line: bytes) -> None:
@@ -199,27 +200,28 @@ def digest(request: ModelRequest) -> str:
 
 
 def asking_once(
-    model: Model | None, journal: CallJournal, spend: Callable[[Usage], None]
+    model: Model | None, journal: CallJournal, spend: Callable[[Usage, int], None]
 ) -> Complete:
     """Return a function that asks the model only for answers missing in the journal.
 
     Args:
-        spend: Called with the usage of each call, also of recorded ones.
+        spend: Called with the usage and number of attempts of each call, also of recorded ones.
     """
 
     async def complete(request: ModelRequest) -> Completion:
         kept = journal.answered(request)
         if kept == OVERFLOW:
+            spend(NOTHING, 1)
             raise ContextOverflow
         if isinstance(kept, Completion):
-            spend(kept.usage)
+            spend(kept.usage, kept.attempts)
             return kept
         if model is None:
             raise RobotouilleError("this agent needs a model, and none is configured")
         try:
             completion = await model.complete(request)
         except ModelError as error:
-            spend(error.usage)
+            spend(error.usage, error.attempts)
             if error.kind is ModelErrorKind.CONTEXT_OVERFLOW:
                 journal.keep(request, None)
                 raise ContextOverflow from None
@@ -230,7 +232,7 @@ def asking_once(
                 "", error.usage, finish_reason=error.kind.value, attempts=error.attempts
             )
         else:
-            spend(completion.usage)
+            spend(completion.usage, completion.attempts)
         journal.keep(request, completion)
         return completion
 

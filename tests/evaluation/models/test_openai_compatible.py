@@ -8,6 +8,7 @@ import sys
 import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from typing import Any
 
 import anyio
@@ -212,6 +213,30 @@ async def test_too_long_conversations(status: int, said: str) -> None:
 async def test_failed_attempts_that_were_charged_are_counted() -> None:
     caught, _ = await failure(tool_call(), prices=Prices(1, 1), attempts=2)
     assert caught.usage == Usage(200, 40, pytest.approx(0.00024)) and "tool call" in str(caught)
+
+
+async def test_answer_without_a_choice_is_paid_for() -> None:
+    usage = {"prompt_tokens": 100, "completion_tokens": 20}
+    empty = Reply(json.dumps({"choices": [], "usage": usage}).encode())
+    caught, _ = await failure(empty, prices=Prices(1, 1), attempts=2)
+    assert caught.usage == Usage(200, 40, pytest.approx(0.00024))
+    assert "no choice" in str(caught)
+    completion = await success(empty, answer("at last"), prices=Prices(1, 1))
+    assert completion.usage == Usage(200, 40, pytest.approx(0.00024))
+
+
+async def test_cost_without_a_report_of_tokens_is_unknown() -> None:
+    bare = Reply(json.dumps({"choices": [{"message": {"content": "Wait"}}]}).encode())
+    assert (await success(bare, prices=Prices(1, 1))).usage == Usage()
+    half = answer("Wait", usage={"prompt_tokens": 100})  # type: ignore[arg-type]
+    assert (await success(half, prices=Prices(1, 1))).usage == Usage(100)
+    assert Usage(1, 1, 0.5) + Usage(1, 1) == Usage(2, 2), "a sum with an unknown cost is unknown"
+
+
+@pytest.mark.parametrize("content_type", [None, "", "text/plain"])
+async def test_json_of_any_content_type_is_read(content_type: str | None) -> None:
+    reply = replace(answer("Wait"), content_type=content_type)
+    assert (await success(reply)).text == "Wait"
 
 
 async def test_retries_are_counted_with_their_usage(pauses: list[float]) -> None:

@@ -24,6 +24,7 @@ from robotouille_evaluation.models import (
     SeededAnswers,
     Usage,
 )
+from robotouille_evaluation.models.model import NOTHING
 from robotouille_evaluation.packs.own import build_own_pack as own_pack
 from tests.support.openai_server import answer, endpoint, error
 from tests.support.pages import blocks, read
@@ -101,7 +102,8 @@ def test_every_strategy_can_read_the_answers(name: str) -> None:
 
 def test_usage_adds_up() -> None:
     assert Usage(1, 2) + Usage(3, 4) == Usage(4, 6, None)
-    assert Usage(1, 2, 0.5) + Usage(3, 4) == Usage(4, 6, 0.5)
+    assert Usage(1, 2, 0.5) + Usage(3, 4) == Usage(4, 6), "one cost is unknown"
+    assert Usage(1, 2, 0.5) + NOTHING == Usage(1, 2, 0.5)
     assert Usage(cost=0.5) + Usage(cost=0.25) == Usage(cost=0.75)
 
 

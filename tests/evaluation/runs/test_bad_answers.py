@@ -122,3 +122,10 @@ def check(recording: Recording, refused: int, verdict: AnswerVerdict) -> None:
     calls = list(model_calls(recording))
     assert len(calls) == refused + 1
     assert not any(call.missed for call in calls)
+
+
+def test_calls_without_an_answer_are_counted(tmp_path: Path) -> None:
+    fault = ModelError(ModelErrorKind.RATE_LIMITED, "slow down", attempts=6)
+    row, _ = in_process(tmp_path, Stubborn(fault), "react-none")
+    assert row.error is not None and row.outcome.ended_by == "error"
+    assert (row.counts.calls, row.counts.retries) == (2, 5)
