@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from robotouille.terminal import options_from, tell
+from robotouille.terminal import options_from, printable, tell
 from robotouille_client.bots.llm_options import (
     AttemptsOption,
     DigestTokensOption,
@@ -212,6 +212,23 @@ def resume(
     pack = read_pack(Path(plan.pack_folder), digest=plan.pack.digest)
     jobs = [_with_patience(job, options.timeout, options.attempts) for job in plan.jobs]
     play(folder, pack, jobs, _workers(options))
+
+
+@benchmark.command()
+@failing
+def agents(
+    pack: Annotated[
+        Path | None, typer.Option(help="Folder of a pack, whose experiments are listed, too.")
+    ] = None,
+) -> None:
+    """List the agents that a run can play."""
+    from robotouille_evaluation.cli.planning import agent_lines
+    from robotouille_evaluation.packs.store import read_pack
+
+    lines = list(agent_lines(() if pack is None else read_pack(pack).experiments))
+    width = max(len(name) for name, _ in lines)
+    for name, words in lines:
+        tell(printable(f"{name:{width}}  {words}"))
 
 
 def _workers(options: WorkerOptions) -> Workers:

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille.terminal import tell
-from robotouille_evaluation.agents.making import OWN_STRATEGIES, make_strategy
+from robotouille_evaluation.agents.making import OWN_STRATEGIES, STRATEGY_WORDS, make_strategy
 from robotouille_evaluation.cli.models import ModelChoice, check_model
 from robotouille_evaluation.packs.delay_free import delay_free
 from robotouille_evaluation.packs.own import pack_with
@@ -27,8 +27,12 @@ from robotouille_evaluation.runs.job_list import Variant, model_agent_name
 if TYPE_CHECKING:
     from robotouille_evaluation.cli.benchmark import RunOptions
 
-COMPUTED = ("planner", "random", "scripted")
-"""Agents without a model, which are the default."""
+COMPUTED = {
+    "planner": "follows a plan, and plans again when others are in its way",
+    "random": "takes random valid actions",
+    "scripted": "carries out the best plan of the pack",
+}
+"""Agents without a model, which are the default, and what each does."""
 HUMAN = "human"
 """Agent of published experiments that a person plays."""
 
@@ -324,3 +328,13 @@ def _for_people(id_: str) -> RobotouilleError:
     return RobotouilleError(
         f"{id_} is played by a person and not by a model; see `robotouille play`"
     )
+
+
+def agent_lines(experiments: Iterable[Experiment]) -> Iterator[tuple[str, str]]:
+    """Yield the name of each agent, and in a line what it does."""
+    yield from COMPUTED.items()
+    yield from STRATEGY_WORDS.items()
+    for experiment in experiments:
+        if experiment.agent != HUMAN:
+            tasks = len(experiment.tasks)
+            yield experiment.id, f"published experiment: {experiment.agent} on {tasks} tasks"

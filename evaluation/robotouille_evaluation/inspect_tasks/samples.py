@@ -24,7 +24,8 @@ from robotouille_evaluation.runs.budgets import GoalBudget, with_budget
 from robotouille_evaluation.runs.job_list import AgentSpec, EpisodeJob, JobOptions, plan_jobs
 
 OUT = "runs/inspect"
-STRATEGY = "react-last-reasoning-action"
+STRATEGY = "react-last-reasoning-action-plan"
+"""The paper's ReAct."""
 ROW = "robotouille_row"
 
 P = ParamSpec("P")

@@ -15,7 +15,7 @@ CostOf = Callable[[int, int, int], float | None]
 
 @dataclass(frozen=True, slots=True)
 class Prices:
-    """Prices of a million tokens sent and received, in any currency.
+    """Prices of a million tokens sent and received, in US dollars.
 
     They have no discount for cached prompts, so a cost is an upper bound.
     """

@@ -13,6 +13,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from robotouille_client.cli.main import app
+from robotouille_evaluation.agents.making import OWN_STRATEGIES
 from robotouille_evaluation.packs.pack import KnownPlan, Pack
 from robotouille_evaluation.packs.published_checkout import read_checkout
 from robotouille_evaluation.packs.store import read_pack, write_pack
@@ -205,3 +206,14 @@ def test_unknown_instance_names_the_known_ones(tmp_path: Path, toast: Path) -> N
     result = called("benchmark", *words, *RANDOM)
     assert result.exit_code == 1
     assert "no chosen task has the instance '43'; choose 42, 84" in result.stderr
+
+
+def test_agents_are_listed_with_a_line_each(toast: Path) -> None:
+    lines = dict(
+        line.split(maxsplit=1)
+        for line in called("benchmark", "agents", "--pack", toast).stdout.splitlines()
+    )
+    assert {"planner", "random", "scripted", EXPERIMENT, *OWN_STRATEGIES} == set(lines)
+    assert "the paper's ReAct" in lines["react-last-reasoning-action-plan"]
+    assert lines[EXPERIMENT] == "published experiment: ReAct on 2 tasks"
+    assert EXPERIMENT not in called("benchmark", "agents").stdout
