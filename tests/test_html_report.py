@@ -119,6 +119,8 @@ def test_labels_omit_shared_parts_and_stay_distinct() -> None:
     hidden = distinct_labels([f"{'x' * 400}{n}{'x' * 400}" for n in range(3)])
     assert len({*hidden.values()}) == 3
     assert distinct_labels(["planner"]) == {"planner": "planner"}
+    own = distinct_labels(["planner · free · own", "planner · free · published"])
+    assert list(own.values()) == ["planner · own", "planner · published"], "never without the agent"
 
 
 # Intervals

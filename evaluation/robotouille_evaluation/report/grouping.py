@@ -77,13 +77,15 @@ def tasks(rows: Iterable[ResultRow]) -> RowGroups:
 def task_number(task: str) -> int | None:
     """Return the number of the task in the paper, 1 to 10.
 
-    Names of shipped tasks begin with `01_`, names in the published package with `0_`.
+    Names of shipped tasks begin with `01_`. Names in the published package begin with `0_`, except
+    those of teams, which begin with `1_`.
     """
-    found = re.match(r"(\d{1,9})_", task.rpartition("/")[2])
+    dataset, _, name = task.rpartition("/")
+    found = re.match(r"(\d{1,9})_", name)
     if not found:
         return None
-    digits = found[1]
-    return int(digits) if len(digits) > 1 else int(digits) + 1
+    from_zero = len(found[1]) == 1 and dataset != "multi_agent"
+    return int(found[1]) + from_zero
 
 
 def part_played(dataset: str, rows: Iterable[ResultRow]) -> str:

@@ -33,10 +33,8 @@ from robotouille_evaluation.report.tables import WORDS, percent
 
 COLUMNS = ("instance", "result", "steps", "fewest", "budget", "to go", "repeated", "wrong", "calls",
            "failure", "recording")  # fmt: skip
-TABLES_HINT = (
-    "Rows with a mark are published results for reference, measured on other instances "
-    f"({published.SOURCE})."
-)
+PUBLISHED_PACK = "published"
+"""Name of imported packs, whose free instances are those of the published results."""
 GRAPHS_HINT = (
     "The work that each task needs. Work with a dashed border continues by itself: start it first "
     "and do other things until it is done."
@@ -66,12 +64,20 @@ def results_page(
     graph_blocks = [Details(_graph_title(each.name), "", [each]) for each in graphs]
     sections = [
         Section("figures", "Figures", "", figures),
-        Section("tables", "Tables", TABLES_HINT, tables),
+        Section("tables", "Tables", _tables_hint(rows), tables),
         *([Section("graphs", "Tasks", GRAPHS_HINT, graph_blocks)] if graphs else []),
         Section("episodes", "Episodes", EPISODES_HINT, list(_episodes(rows, folders or {}))),
     ]
     page = Page(title, _about(rows), list(_cards(rows)), list(_notes(rows)), sections, FOOTER)
     return render_page(page)
+
+
+def _tables_hint(rows: Sequence[ResultRow]) -> str:
+    same = all(row.pack.name == PUBLISHED_PACK and row.kind == "free" for row in rows)
+    return (
+        "Rows with a mark are published results for reference, measured on "
+        f"{'these' if same else 'other'} instances ({published.SOURCE})."
+    )
 
 
 def _graph_title(name: str) -> str:
@@ -119,7 +125,7 @@ def _cards(rows: Sequence[ResultRow]) -> Iterator[tuple[str, str]]:
         where = dataset.replace("_", "-") + (f" ({part})" if part else "")
         yield f"{100 * rate:.3g} %", f"best success, {where}: {best}"
     if total := sum(outcomes.tokens(rows)):
-        yield f"{total / 1e6:,.3g} M", "tokens"
+        yield f"{total / 1e6:,.3g} M" if total >= 1e6 else f"{total:,}", "tokens"
     if cost := outcomes.cost(rows):
         yield f"${cost:,.2f}", "cost"
 

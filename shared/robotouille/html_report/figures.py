@@ -109,14 +109,15 @@ def short_label(text: str, length: int = MAX_LABEL) -> str:
 def distinct_labels(names: Iterable[str]) -> dict[str, str]:
     """Return a label of several lines for each name.
 
-    Names consist of parts separated by ` · `. Labels omit the parts that all names share, and the
-    middle of names that are too long. Labels that would be equal get numbers.
+    Names consist of parts separated by ` · `. Labels omit the later parts that all names share, and
+    the middle of names that are too long. Labels that would be equal get numbers.
     """
     parts = {name: name.split(SEPARATOR) for name in names}
     shared = set.intersection(*map(set, parts.values())) if len(parts) > 1 else set()
     seen, found = Counter[str](), {}
-    for name, own in parts.items():
-        text = SEPARATOR.join([part for part in own if part not in shared] or own)
+    for name, (first, *more) in parts.items():
+        # The first part says whose results they are, also next to other labels.
+        text = SEPARATOR.join([first, *(part for part in more if part not in shared)])
         lines = textwrap.wrap(short_label(text, len(text)), LABEL_WIDTH)
         if len(lines) > MAX_LABEL_LINES:
             lines = [*lines[: MAX_LABEL_LINES - 2], "…", lines[-1]]

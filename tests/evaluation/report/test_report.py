@@ -19,6 +19,7 @@ from robotouille_evaluation.metrics import (
     PackId,
     Result,
     ResultRow,
+    TotalUsage,
     asynchrony,
     measuring,
     outcomes,
@@ -72,6 +73,16 @@ def test_page_shows_scores_of_shifts() -> None:
     assert "best score / planner, shifts: planner" in text
     assert "1 episodes, 50 % of the planner&#39;s score" in text
     assert "best success" not in text and "optimality" not in text
+
+
+def test_page_names_instances_and_few_tokens() -> None:
+    theirs = PackId(name="published", version="1", digest="0")
+    usage = TotalUsage(prompt_tokens=38_000, completion_tokens=900)
+    rows = [row(pack=theirs, kind="free", usage=usage)]
+    text = results_page(rows, (), ())
+    assert "measured on these instances" in text
+    assert "38,900" in text and "0.0389 M" not in text
+    assert "measured on other instances" in results_page([row(kind="free")], (), ())
 
 
 @pytest.mark.slow

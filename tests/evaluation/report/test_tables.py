@@ -132,7 +132,8 @@ def test_players_are_compared_on_common_episodes() -> None:
 @pytest.mark.parametrize(
     ("task", "number"),
     [("synchronous/01_cheese_sandwich", 1), ("10_big", 10), ("asynchronous/0_cheese", 1),
-     ("9_onion", 10), ("soup", None), (f"{'1' * 5000}_x", None), ("synchronous", None)],
+     ("9_onion", 10), ("multi_agent/9_burgers", 9), ("multi_agent/10_soups", 10),
+     ("soup", None), (f"{'1' * 5000}_x", None), ("synchronous", None)],
 )  # fmt: skip
 def test_task_number_of_the_paper(task: str, number: int | None) -> None:
     assert task_number(task) == number
