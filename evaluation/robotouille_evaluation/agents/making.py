@@ -212,4 +212,4 @@ STRATEGY_WORDS: Mapping[str, str] = {
     "plag": "reasons with a graph of the remaining work",
     "reflexion": "plays a second time after reflecting on the first failure",
 }
-"""What each built-in strategy does, in a line."""
+"""Description of each built-in strategy, in a line."""

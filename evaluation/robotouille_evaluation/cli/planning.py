@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import get_args
 
 from rich.console import Console
 
@@ -14,6 +14,7 @@ from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille.terminal import tell
 from robotouille_evaluation.agents.making import OWN_STRATEGIES, STRATEGY_WORDS, make_strategy
 from robotouille_evaluation.cli.models import ModelChoice, check_model
+from robotouille_evaluation.cli.run_options import RunOptions
 from robotouille_evaluation.packs.delay_free import delay_free
 from robotouille_evaluation.packs.own import pack_with
 from robotouille_evaluation.packs.pack import Experiment, InstanceKind, Pack, PackInstance
@@ -23,9 +24,6 @@ from robotouille_evaluation.runs import AgentSpec, EpisodeJob, JobOptions, RealT
 from robotouille_evaluation.runs.budgets import BudgetedInstances, with_budget
 from robotouille_evaluation.runs.chance import PROBABILITIES
 from robotouille_evaluation.runs.job_list import Variant, model_agent_name
-
-if TYPE_CHECKING:
-    from robotouille_evaluation.cli.benchmark import RunOptions
 
 COMPUTED = {
     "planner": "follows a plan, and plans again when others are in its way",
@@ -58,7 +56,9 @@ def plan_run(out: Path, options: RunOptions) -> PlannedRun:
     """
     real_time = _real_time(options)
     folder, pack = _pack(out, options)
-    experiments = [_experiment(pack, id_) for id_ in _words(options.experiment)]
+    experiments = [
+        experiment for name in _words(options.experiment) for experiment in _experiments(pack, name)
+    ]
     if options.variant == "delay-free":
         if experiments:
             raise RobotouilleError(
@@ -68,7 +68,8 @@ def plan_run(out: Path, options: RunOptions) -> PlannedRun:
         chosen = _instances(pack, options, None)
         folder, pack = (out / "pack").resolve(), _without_delays(pack, chosen, options.seats)
     jobs: dict[str, EpisodeJob] = {}
-    for experiment in experiments or [None]:
+    settings: Sequence[Experiment | None] = experiments or [None]
+    for experiment in settings:
         jobs |= {job.id: job for job in _jobs(pack, options, experiment, real_time)}
     own_folder = options.pack is None or options.variant == "delay-free"
     return PlannedRun(pack, folder, tuple(jobs.values()), own_folder)
@@ -94,7 +95,7 @@ def _real_time(options: RunOptions) -> RealTime | None:
     )
     if options.clock == "realtime":
         return chosen
-    defaults = RealTime(charge=type(options).charge).model_dump()
+    defaults = RealTime(charge=RunOptions.charge).model_dump()
     changed = [name for name, value in chosen.model_dump().items() if value != defaults[name]]
     if changed:
         flag = changed[0].replace("_", "-")
@@ -153,6 +154,16 @@ def _jobs(
 
 
 # Experiments
+
+
+def _experiments(pack: Pack, name: str) -> list[Experiment]:
+    """Return the experiment with an id, or all below a folder such as `ReAct/ablations`."""
+    below = [
+        experiment
+        for experiment in pack.experiments
+        if experiment.id.startswith(f"{name}/") and experiment.agent != HUMAN
+    ]
+    return below or [_experiment(pack, name)]
 
 
 def _experiment(pack: Pack, id_: str) -> Experiment:
@@ -314,8 +325,8 @@ def _unknown_experiment(name: str, pack: Pack) -> UnknownNameError:
     known = [experiment.id for experiment in pack.experiments if experiment.agent != HUMAN]
     if not known:
         return UnknownNameError(
-            f"unknown experiment {name!r}: {pack.name} has none; use --pack with an imported pack "
-            "(`robotouille pack import CHECKOUT`)"
+            f"unknown experiment {name!r}: the pack {pack.name} has no experiments; use --pack with "
+            "an imported one (`robotouille pack import CHECKOUT`)"
         )
     group = f"{name.rpartition('/')[0]}/"
     same = [id_ for id_ in known if id_.startswith(group)]

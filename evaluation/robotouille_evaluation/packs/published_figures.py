@@ -91,7 +91,7 @@ def _cells(path: Path) -> Iterator[str]:
         if not isinstance(cell, dict) or cell.get("cell_type") != "code":
             continue
         source = cell.get("source")
-        lines = source if isinstance(source, list) else [source]
+        lines: list[Any] = source if isinstance(source, list) else [source]
         if all(isinstance(line, str) for line in lines):
             text = "".join(lines)
             if len(text) <= MAX_CELL:
@@ -152,7 +152,7 @@ def _data(path: Path, name: str, value: Any) -> Iterator[FigureData]:
 
 
 def _numbers(path: Path, name: str, value: Any) -> tuple[float, ...]:
-    numbers = value if isinstance(value, list) else [None]
+    numbers: list[Any] = value if isinstance(value, list) else [None]
     if not all(type(n) in (int, float) and 0 <= n < 1e6 for n in numbers):
         _fail(path, f"{name}: expected a list of numbers from 0 to 1,000,000")
     return tuple(float(number) for number in numbers)

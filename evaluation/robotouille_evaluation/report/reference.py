@@ -44,7 +44,7 @@ class Reference:
 
 
 def reference_of(figures: Iterable[FigureData]) -> Reference:
-    """Return the numbers of a pack's published figures, or the paper's if it has none."""
+    """Return the numbers behind published figures; without figures, those the paper prints."""
     found = list(figures)
     if not found:
         return Reference()

@@ -53,7 +53,8 @@ def with_budget(
         RobotouilleError: No instance has such a budget, or no rule is given and none fits all.
     """
     rule = rule or common_rule(pack, instances, seats)
-    kept, left_out = [], []
+    kept: list[PackInstance] = []
+    left_out: list[PackInstance] = []
     for instance in instances:
         playable = pack.shift(instance) is not None or _has(pack, instance, rule, seats)
         (kept if playable else left_out).append(instance)

@@ -133,7 +133,7 @@ def test_options_of_real_time(tmp_path: Path) -> None:
         (["--kinds", "tidy"], "unknown kind of instance 'tidy'"),
         (["--tasks", "synchronous/99"], "synchronous/99"),
         (["--pack", "nowhere"], "nowhere"),
-        (["--agents", "ReAct/asynchronous/nope"], "use --pack with an imported pack"),
+        (["--agents", "ReAct/asynchronous/nope"], "use --pack with an imported one"),
         (["--datasets", "shifts,synchronous"], "different packs: evaluate them in two runs"),
         (["--datasets", "shifts"], "`scripted` needs a plan, and none is known for shifts/01"),
         (["--datasets", "shifts", "--variant", "delay-free"], "a shift has no goal"),

@@ -160,6 +160,17 @@ def test_experiment_sets_all_conditions(tmp_path: Path, by_chance: Path) -> None
     assert called("benchmark", "resume", tmp_path / "run").exit_code == 0
 
 
+def test_folder_of_experiments_is_played_at_once(tmp_path: Path) -> None:
+    names = ("ReAct/ablations/one", "ReAct/ablations/two")
+    changes = {f"conf/experiments/{name}.yaml": checkouts.EXPERIMENT for name in names}
+    checkout = write_checkout(tmp_path / "checkout", dict(changes))
+    write_pack(read_checkout(checkout, seeds=(42,)).pack, tmp_path / "pack")
+    words = ("--pack", tmp_path / "pack", "--experiment", "ReAct/ablations")
+    result = called("benchmark", "run", tmp_path / "run", *words)
+    assert result.exit_code == 0, result.output
+    assert {row.experiment for row in RunFolder(tmp_path / "run").rows()} == set(names)
+
+
 def test_options_replace_settings_of_an_experiment(tmp_path: Path, by_chance: Path) -> None:
     changes = ("--temperature", "0", "--instances", "84", "--variant", "none")
     words = ("run", tmp_path / "run", "--pack", by_chance, "--experiment", EXPERIMENT)
