@@ -325,7 +325,7 @@ def _unknown_experiment(name: str, pack: Pack) -> UnknownNameError:
     known = [experiment.id for experiment in pack.experiments if experiment.agent != HUMAN]
     if not known:
         return UnknownNameError(
-            f"unknown experiment {name!r}: the pack {pack.name} has no experiments; use --pack with "
+            f"unknown experiment {name!r}: {pack.name} has no experiments; use --pack with "
             "an imported one (`robotouille pack import CHECKOUT`)"
         )
     group = f"{name.rpartition('/')[0]}/"
