@@ -33,7 +33,9 @@ from robotouille_evaluation.metrics.rows import Category
 from robotouille_evaluation.metrics.trajectory import AnswerVerdict, StepAnswer, Trajectory
 
 LAST_SHARE = 0.75
-"""Answers after this share of all answers count as the end of a run."""
+"""Answers and steps after this share of all count as the end of a run."""
+LOOP = 3
+"""Number of equal steps, in equal states, that are a loop."""
 
 
 class Subcategory(StrEnum):
@@ -154,6 +156,7 @@ def evidence(trajectory: Trajectory) -> list[Evidence]:
     found = [
         *_rejected(trajectory),
         *_stacked_where_work_is_done(trajectory),
+        *_loops(trajectory),
         *_false_beliefs(trajectory),
         *_bad_starts(trajectory),
         *_against_the_goal(trajectory),
@@ -264,6 +267,29 @@ def _stacked_where_work_is_done(trajectory: Trajectory) -> Iterator[Evidence]:
             pair = _pairs(world, before, after)[0]
             lasting = pair in trajectory.states[-1].atoms()
             yield Evidence(step, move.player, Subcategory.ONE_ITEM, move.action.sentence, lasting)
+
+
+def _loops(trajectory: Trajectory) -> Iterator[Evidence]:
+    """Yield the steps of a loop that clears a work station and occupies it again.
+
+    In the paper's example, an agent follows the rules in turn: it picks a thing up because the
+    station must be free, and puts it back because its hand must be free.
+    """
+    stations = work_stations(trajectory.world)
+    late = LAST_SHARE * trajectory.steps
+    times: Counter[tuple[State, str, str]] = Counter()
+    for step, (before, joint, _) in enumerate(trajectory.each_step()):
+        for move in joint:
+            action = move.action
+            handles = action.destination is None and not action.effects
+            if not move.applied or not handles or not stations.intersection(action.arguments):
+                continue
+            key = (before, move.player, action.sentence)
+            times[key] += 1
+            if times[key] >= LOOP:
+                yield Evidence(
+                    step, move.player, Subcategory.ONE_ITEM, action.sentence, step >= late
+                )
 
 
 def _pairs(world: World, before: State, after: State) -> list[Atom]:

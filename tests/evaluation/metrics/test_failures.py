@@ -70,6 +70,18 @@ def test_stacked_items_at_the_board() -> None:
     assert {each.step for each in evidence(course)} == {7, 8}
 
 
+def test_loop_at_the_board() -> None:
+    """Case of the appendix: the agent clears a station and occupies it again, and so on."""
+    pick, put = "Pick up bread1 at board1 with robot1", "Put down bread1 at board1 with robot1"
+    course = solo(LETTUCE_SANDWICH, *BREAD_ON_BOARD[:4], *[pick, put] * 4)
+    failure = classify(course, course.steps)
+    assert failure is not None
+    assert (failure.category, failure.subcategory) == (Category.TRANSITION, Subcategory.ONE_ITEM)
+    assert failure.steps == (9, 10, 11)
+    short = solo(LETTUCE_SANDWICH, *BREAD_ON_BOARD[:4], pick, put)
+    assert evidence(short) == []
+
+
 @pytest.mark.parametrize(
     ("text", "subcategory"),
     [
