@@ -432,10 +432,15 @@ class _GoalRequirements:
         A thing is unprepared if it lacks a predicate that all things of its kind need in the goal.
         """
         kinds = tuple(self._world.thing(name).kind for name in atom[1:])
-        first, name = kinds[0], atom[1]
+        first = kinds[0]
         if first in {t.kind for t in self._world.placed} and first not in self._kinds:
             return Subcategory.INGREDIENT
-        if any(not state.holds(p, name) for p in self._wanted.get(first, ())):
+        # The lower thing may lie unprepared on a table, where nothing was joined before.
+        if any(
+            not state.holds(predicate, name)
+            for kind, name in zip(kinds, atom[1:], strict=True)
+            for predicate in self._wanted.get(kind, ())
+        ):
             return Subcategory.INGREDIENT
         pairs = self._pairs.get(atom[0])
         if pairs and kinds not in pairs and {k for pair in pairs for k in pair} >= set(kinds):

@@ -122,6 +122,17 @@ def test_goal_outweighs_recovered_mistakes() -> None:
     assert found(course) == (Category.GOAL, Subcategory.INGREDIENT)
 
 
+def test_preparation_of_the_lower_thing_is_forgotten() -> None:
+    course = solo(
+        LETTUCE_SANDWICH,
+        "Move robot1 from table5 to table4",
+        "Pick up bread2 at table4 with robot1",
+        "Move robot1 from table4 to table2",
+        "Stack bread2 onto lettuce1 at table2 with robot1",
+    )
+    assert found(course) == (Category.GOAL, Subcategory.INGREDIENT)
+
+
 def test_corrected_mistakes_are_not_goal_failures() -> None:
     course = solo(
         LETTUCE_SANDWICH,
