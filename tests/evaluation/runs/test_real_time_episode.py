@@ -164,7 +164,7 @@ def test_pending_answers_are_counted_after_an_error(tmp_path: Path) -> None:
     row = play(tmp_path, job(TEAM, charge="tokens:20"), answer)
     assert "the key is wrong" in str(row.error)
     assert row.usage.completion_tokens == sum(len(text.split()) for text in answered)
-    assert row.counts.calls == 2
+    assert row.counts.calls == 3, "the failed call counts, too"
     assert course(tmp_path, row).thoughts[0].arrived is None
 
 
