@@ -45,12 +45,12 @@ class Witness:
         game.receive = self.receive  # type: ignore[method-assign]
         game.submit = self.submit  # type: ignore[method-assign]
 
-    def receive(self, message: messages.ServerMessage, now: float) -> None:
+    def receive(self, message: messages.ServerMessage, now: float, size: int = 0) -> None:
         """Record a message as the server sent it, then the client's resulting state."""
         if self._heard is not None:
             self._heard(message)
         before = self.game.step
-        self._receive(message, now)
+        self._receive(message, now, size)
         for row in rows_of(message):
             self._write(*row)
         match message:
