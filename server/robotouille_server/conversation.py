@@ -18,7 +18,7 @@ from robotouille_server.auth import (
 )
 from robotouille_server.requests import AnswerLater, Requests, Services, unheard
 from robotouille_server.rooms.participants.session import JoinedRoom, Session
-from robotouille_server.runtime.budgets import COSTS, PACED, FloodError, MessageBudget
+from robotouille_server.runtime.budgets import PACED, FloodError, MessageBudget, cost_of
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.timer_queue import LATE
 from robotouille_server.runtime.workers import ElsewhereError
@@ -164,7 +164,7 @@ class Conversation:
 
     def _handle(self, message: messages.ClientMessage, affordable: bool) -> None:
         requests = self._requests
-        extra = COSTS.get(type(message), 1) - 1
+        extra = cost_of(message) - 1
         if extra:
             # Expensive messages also use up the budget that all connections share, so that they do
             # not delay steps.

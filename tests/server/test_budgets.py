@@ -22,6 +22,7 @@ from robotouille_server.runtime.budgets import (
     FloodError,
     MessageBudget,
     TokenBucket,
+    cost_of,
 )
 from tests.support.fuzzing.wire import TEXT, Closed, Wire, frame
 from tests.support.servers import Raw, raw, serving
@@ -166,6 +167,13 @@ async def test_joining_and_leaving_is_charged(tmp_path: Path) -> None:
         kinds = [answer["type"] for answer in await answers(wire)]
         assert kinds.count("snapshot") < 40
         wire.cut()
+
+
+def test_returning_costs_as_much_as_joining() -> None:
+    hello = messages.Hello(protocol=1, name="ada", resume="token")
+    assert (
+        cost_of(hello) == COSTS[messages.Join] > cost_of(hello.model_copy(update={"resume": None}))
+    )
 
 
 @virtual

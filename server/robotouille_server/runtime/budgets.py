@@ -53,6 +53,8 @@ COSTS: dict[type[messages.Message], float] = {
 """Cost of a message, if not 1. Each KiB of the message, and of the snapshots and lists that answer
 it, costs 1 more. After each of these messages, all other connections get a turn. Resyncs are
 excepted: all resyncs of one turn share an answer."""
+RETURN = 5
+"""Cost of a `hello` that returns to a session: it is answered by a snapshot, as a join is."""
 PACED = (messages.Create, messages.Close)
 """Messages that hosts send by the hundred for a study. They cost a connection as much as any other
 message and are never refused for their number: the server reads those above the limit later."""
@@ -66,6 +68,13 @@ MAX_GREETINGS = 5
 """Messages that a connection may send before `welcome`. Each may have a token to check."""
 MAX_REFUSED = 200
 """Refused messages, within about a minute, after which the connection is closed."""
+
+
+def cost_of(message: messages.Message) -> float:
+    """Return the cost of a message in units of `LoopBudget`."""
+    if isinstance(message, messages.Hello) and message.resume is not None:
+        return RETURN
+    return COSTS.get(type(message), 1)
 
 
 class FloodError(Exception):
