@@ -395,7 +395,7 @@ def _for_others(server: Server, room: Room, token: str) -> list[str]:
 
 def main() -> None:
     """Run `robotouille-server`."""
-    app = typer.Typer(add_completion=False, rich_markup_mode="rich")
+    app = typer.Typer(add_completion=False, rich_markup_mode=None)
     help_text = (
         "Serve Robotouille episodes over WebSocket. "
         "Environment variables ROBOTOUILLE_<SETTING> set the same options."

@@ -42,6 +42,11 @@ MAX_BEGINNINGS = 3
 _left_to_compare: ContextVar[int | None] = ContextVar("left_to_compare", default=None)
 
 
+def with_article(noun: str) -> str:
+    """Return a noun with `a` or `an`."""
+    return f"{'an' if noun[:1].lower() in tuple('aeiou') else 'a'} {noun}"
+
+
 def did_you_mean(name: object, valid: Iterable[str], most: int = 1) -> str:
     """Return the clause `; did you mean 'x'?`, or an empty string if no valid name is similar.
 

@@ -124,7 +124,7 @@ PROBLEMS: list[tuple[tuple[Any, ...], Any, str]] = [
     (("objects", "player"), [], "has no player"),
     (("goal", 0, "predicate"), "iscutt", "unknown predicate 'iscutt'; did you mean 'iscut'?"),
     (("goal", 0, "args"), ["leak"], "goal[0].args[0]: unknown kind of object 'leak'; did you mean"),
-    (("goal", 0, "args"), ["table"], "'table' is a station, 'iscut' needs a item"),
+    (("goal", 0, "args"), ["table"], "'table' is a station, 'iscut' needs an item"),
     (("goal", 0, "ids"), [1, 2], "1 args but 2 ids"),
     (("goal", 0), {"predicate": "at", "args": ["leek"], "ids": [1]}, "'at' takes 2, found 1"),
     (("goal", 0, "ids"), ["frist"], "no object has the id 'frist'; did you mean 'first'?"),

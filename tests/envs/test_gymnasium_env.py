@@ -156,6 +156,7 @@ def test_unknown_actions_are_rejected() -> None:
         ({"instances": "all"}, "instances: expected 'generated' or a list"),
         ({"instances": ["multi_agent/01@2"]}, "has 2 seats"),
         ({"render_mode": "human"}, "render_mode"),
+        ({"observations": "text"}, "unknown option 'observations'; did you mean 'observation'"),
     ],
 )
 def test_invalid_options_are_rejected(options: dict, words: str) -> None:

@@ -36,7 +36,7 @@ NAMES: list[tuple[Callable[[], Any], str]] = [
     (lambda: WORLD.action(["move"]), "no action"),
     (lambda: WORLD.action("move", "robot1"), "takes .*found 1"),
     (lambda: WORLD.action("move", "robot1", "table1", ["table2"]), "no object"),
-    (lambda: WORLD.action("move", "robot1", "table1", "lettuce1"), "'lettuce1' is a item"),
+    (lambda: WORLD.action("move", "robot1", "table1", "lettuce1"), "'lettuce1' is an item"),
     (lambda: WORLD.admit([3]), "no object 3"),
     (lambda: WORLD.restore(0, [("dance", *ROW[1:])]), "no action 'dance'"),
     (lambda: WORLD.restore(0, [("cook", 0, ("patty1", "oven1"), (0, 0))]), "no object 'oven1'"),

@@ -25,7 +25,7 @@ from robotouille.domain.schema import (
     LayoutRule,
     PredicateDef,
 )
-from robotouille.errors import Fault, bounded, did_you_mean
+from robotouille.errors import Fault, bounded, did_you_mean, with_article
 
 MAX_EFFECTS = 200
 """Largest number of effects of an action, at any depth."""
@@ -186,7 +186,8 @@ def _check_condition(
     for i, (name, kind) in enumerate(zip(condition.params, definition.param_types, strict=True)):
         known = types.setdefault(name, kind)
         if known != kind:
-            message = f"{name!r} is a {known} elsewhere in this action, here it must be a {kind}"
+            is_one, needed = with_article(known), with_article(kind)
+            message = f"{name!r} is {is_one} elsewhere in this action, here it must be {needed}"
             faults.append(Fault(f"{path}.params[{i}]", message))
     return faults
 

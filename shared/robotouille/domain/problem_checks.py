@@ -28,7 +28,7 @@ from robotouille.domain.schema import (
     PredicateDef,
     ProblemFile,
 )
-from robotouille.errors import Fault, bounded, did_you_mean
+from robotouille.errors import Fault, bounded, did_you_mean, with_article
 
 MAX_FACTS = 20_000
 """Limit on a task's fluent facts, and on the initial facts that its layout rules imply.
@@ -155,7 +155,8 @@ def _check_goal(
             if kind not in kinds:
                 faults.append(unknown(where, "kind of object", kind, kinds))
             elif kinds[kind] != wanted:
-                message = f"{kind!r} is a {kinds[kind]}, {term.predicate!r} needs a {wanted}"
+                is_one, needed = with_article(kinds[kind]), with_article(wanted)
+                message = f"{kind!r} is {is_one}, {term.predicate!r} needs {needed}"
                 faults.append(Fault(where, message))
             identifier = term.ids[j]
             if isinstance(identifier, str) and identifier not in ids:
@@ -165,7 +166,8 @@ def _check_goal(
             known = first.setdefault(identifier, kind)
             found = ids.get(identifier) if isinstance(identifier, str) else kinds.get(known)
             if kind in kinds and found not in (None, kinds[kind]):
-                message = f"the object {identifier!r} is a {found}, {kind!r} is a {kinds[kind]}"
+                one, other = with_article(found), with_article(kinds[kind])
+                message = f"the object {identifier!r} is {one}, {kind!r} is {other}"
                 faults.append(Fault(f"{path}.ids[{j}]", message))
             elif known != kind:
                 message = (

@@ -86,7 +86,7 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
             raise WrongArgumentError(
                 f"render_mode: expected one of {RENDER_MODES}, found {render_mode!r}"
             )
-        rules = EnvRules(task, **options)
+        rules = EnvRules.of(task, options)
         self._play = Play(rules)
         self._kind = EnvObservation(rules.observation)
         self.render_mode = render_mode

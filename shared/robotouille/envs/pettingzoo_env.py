@@ -44,7 +44,7 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
             raise WrongArgumentError(
                 f"render_mode: expected one of {RENDER_MODES}, found {render_mode!r}"
             )
-        rules = EnvRules(task, **options)
+        rules = EnvRules.of(task, options)
         self._play = Play(rules)
         self._kind = EnvObservation(rules.observation)
         self._random = np.random.default_rng()

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from robotouille.domain.loading import load_task
 from robotouille.domain.task import Task
-from robotouille.errors import RobotouilleError, WrongArgumentError
+from robotouille.errors import RobotouilleError, WrongArgumentError, did_you_mean
 from robotouille.planning.plan import Limits
 from robotouille.planning.solvers import AnytimePlanner
 from robotouille.world.world import State, World
@@ -148,6 +148,19 @@ class EnvRules:
     max_steps: int | None = None
     instances: Sequence[Task | str] | str = ()
     slots: Mapping[str, int] | None = None
+
+    @classmethod
+    def of(cls, task: Task | str, options: EnvOptions) -> EnvRules:
+        """Return a task with options.
+
+        Raises:
+            WrongArgumentError: An option is unknown or invalid.
+        """
+        for name in options:
+            if name not in EnvOptions.__annotations__:
+                near = did_you_mean(name, EnvOptions.__annotations__)
+                raise WrongArgumentError(f"unknown option {name!r}{near}")
+        return cls(task, **options)
 
     def __post_init__(self) -> None:
         for name, kind in (

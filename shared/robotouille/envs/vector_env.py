@@ -133,7 +133,7 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
             raise WrongArgumentError("autoreset_mode: expected 'NextStep' or 'SameStep'")
         if options.get("reward") == Reward.SHAPED:
             options.setdefault("potential", StepsToGoPotential())
-        rules = EnvRules(task, **options)
+        rules = EnvRules.of(task, options)
         if rules.observation is not EnvObservation.VECTOR:
             raise WrongArgumentError("observation: expected 'vector' for copies in one process")
         self._copies = _copies_of(rules, num_envs)

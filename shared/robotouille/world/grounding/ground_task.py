@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from robotouille.domain.schema import EffectDef
 from robotouille.domain.task import Task
-from robotouille.errors import UnknownNameError, WrongWorldError, did_you_mean
+from robotouille.errors import UnknownNameError, WrongWorldError, did_you_mean, with_article
 from robotouille.world.grounding.actions import (
     ActionSchema,
     GroundAction,
@@ -75,7 +75,8 @@ class GroundTask(GroundObjects):
         for argument, (_, kind) in zip(arguments, schema.parameters, strict=True):
             found = self.thing(argument).type
             if found != kind:
-                raise UnknownNameError(f"{argument!r} is a {found}; {name!r} takes a {kind} there")
+                is_one, needed = with_article(found), with_article(kind)
+                raise UnknownNameError(f"{argument!r} is {is_one}; {name!r} takes {needed} there")
         action = self._named[name, arguments] = self.ground_action(schema, arguments)
         return action
 
