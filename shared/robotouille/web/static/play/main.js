@@ -62,7 +62,11 @@ function submitted() {
   return enter(code, name, agreed ? consent : "");
 }
 
-/** @param {string} code @param {string} name */
+/**
+ * @param {string} code
+ * @param {string} name
+ * @param {string} agreed Address of the information to which the player has agreed, or empty.
+ */
 function enter(code, name, agreed = "") {
   const { watch, token } = invitation();
   byId("enter").hidden = true;
@@ -70,7 +74,7 @@ function enter(code, name, agreed = "") {
     left: (fault) => showForm(fault),
     moved: (next) => {
       history.replaceState(null, "", `#${encodeURIComponent(next)}`);
-      enter(next, name);
+      enter(next, name, agreed);
     },
     watch: () => {
       history.replaceState(null, "", `watch${location.search}#${encodeURIComponent(code)}`);

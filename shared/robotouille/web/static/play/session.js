@@ -20,7 +20,8 @@ import { Ticket } from "./ticket.js";
 /** @typedef {import("./game.js").GameEvent} GameEvent */
 /**
  * @typedef {{code: string, name: string, watch: boolean, token?: string, agreed: string}} Visit
- *   `agreed` is the address of the information to which the player has agreed, for the recording.
+ *   `agreed` is the address of the information to which the player has agreed, until the recording
+ *   has a note of it.
  */
 /**
  * @typedef {{left: (fault: string) => void, moved: (code: string) => void, watch: () => void}} Exits
