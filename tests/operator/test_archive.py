@@ -10,10 +10,8 @@ from typing import BinaryIO
 import pytest
 
 from robotouille.protocol import messages
-from robotouille.replay.container import MAGIC
 from robotouille.replay.recording import Recording
-from robotouille_server.operator import archive as archiving
-from robotouille_server.operator.archive import LEFT_OUT
+from robotouille_server.operator.archive import LEFT_OUT, archive
 from robotouille_server.operator.recordings import DOWNLOAD_PIECE
 from robotouille_server.rooms.recording.storage import Folder
 from tests.support.operator import audited, bearer, table, viewing
@@ -92,22 +90,15 @@ async def test_files_that_change_or_vanish_do_not_spoil_the_archive(tmp_path: Pa
         assert found == {first: content(0), f"{closing}.part": content(1)}
 
 
-@virtual
-async def test_archive_is_sent_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    sizes: list[int] = []
-    pieces = archiving.pieces
+async def test_archive_is_made_in_pieces() -> None:
+    size = 4 * DOWNLOAD_PIECE + 1
 
-    async def measured(file: BinaryIO, size: int):  # type: ignore[no-untyped-def]
-        async for piece in pieces(file, size):
-            sizes.append(len(piece))
-            yield piece
+    async def opened(name: str) -> tuple[BinaryIO, int]:
+        return io.BytesIO(bytes(size)), size
 
-    monkeypatch.setattr(archiving, "pieces", measured)
-    async with viewing(tmp_path) as (_, _, api):
-        (tmp_path / "20250101T000000Z_long_1.rbt").write_bytes(MAGIC[:4] * DOWNLOAD_PIECE)
-        answer = await api.http.get("/api/archive")
-        assert len(answer.content) > 4 * DOWNLOAD_PIECE
-    assert max(sizes) <= DOWNLOAD_PIECE
+    made = [piece async for piece in archive(["long.rbt"], opened, time=0.0)]
+    assert max(map(len, made)) <= DOWNLOAD_PIECE
+    assert unpacked(b"".join(made)) == {"long.rbt": bytes(size)}
 
 
 @virtual
