@@ -9,6 +9,7 @@ from robotouille.episode import Phase
 from robotouille_client import connect
 from robotouille_server.operator.load import REQUESTS_BURST
 from robotouille_server.operator.models import MAX_OPENED
+from robotouille_server.rooms.recording.storage import Appender, Folder
 from tests.support.operator import CHANGE, audited, bearer, viewing
 from tests.support.virtual_time import virtual
 
@@ -71,6 +72,24 @@ async def test_opened_episodes_are_reported_when_the_server_is_full(tmp_path: Pa
         assert (again.status_code, again.json()["code"]) == (503, "server/full")
 
 
+class Faulty(Folder):
+    """Folder that fails when the third file is created."""
+
+    def create(self, name: str) -> Appender:
+        if len(self.names()) >= 2:
+            raise RuntimeError("a fault")
+        return super().create(name)
+
+
+@virtual
+async def test_episodes_before_a_fault_are_in_the_audit_log(tmp_path: Path) -> None:
+    async with viewing(tmp_path, storage=Faulty(tmp_path)) as (server, _, api):
+        answer = await api.post("/api/episodes", count=5, create={"task": TASK})
+        assert answer.status_code == 500
+        opened = [line["episode"] for line in audited(tmp_path) if line["what"] == "open episodes"]
+        assert opened == list(server.lobby.rooms)[:2]
+
+
 @virtual
 async def test_each_episode_counts_as_a_request(tmp_path: Path) -> None:
     async with viewing(tmp_path, max_episodes=1) as (_, _, api):
@@ -97,12 +116,15 @@ async def test_tasks_are_listed_with_their_seats(tmp_path: Path) -> None:
     own = tmp_path / "tasks"
     own.mkdir()
     shipped = Path("problems/workshop/02_two_workers.json").resolve()
-    (own / "mine.json").write_bytes(shipped.read_bytes())
+    for name in ("mine", "broken"):
+        (own / f"{name}.json").write_bytes(shipped.read_bytes())
     async with viewing(tmp_path / "recordings", tasks=own) as (_, _, api):
+        (own / "broken.json").write_text("{")
         answer = await api.get("/api/tasks")
         rows = {row["name"]: row for row in answer["tasks"]}
         assert rows["mine"]["seats"] == rows["workshop/02_two_workers"]["seats"] == [2]
         assert rows[TASK]["seats"] == [2, 3, 4]
+        assert "broken" not in rows
         assert any(row["shift"] for row in answer["tasks"])
         assert answer["skills"] == ["learner", "partner", "expert"]
         opened = (await api.post("/api/episodes", create={"task": "mine"})).json()["opened"]

@@ -22,6 +22,7 @@ from robotouille_server.operator.models import Done, OpenedEpisode, Problem
 from robotouille_server.operator.other_nodes import EpisodeElsewhereError
 from robotouille_server.operator.principal import Principal, RequestRefusedError
 from robotouille_server.operator.service import OperatorService
+from robotouille_server.requests import Opening, open_episode
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.workers import ElsewhereError
 
@@ -206,23 +207,17 @@ class Commands:
     async def _open(self, command: mqtt.OpenCommand, grant: RoleGrant) -> CommandReply:
         check_opening(grant.episode)
         opened: list[OpenedEpisode] = []
-        services, create = self._server.services, command.create
+        opening = Opening(request=command.create, owner=grant.subject)
         error = None
         for _ in range(command.count):
             try:
-                room = services.lobby.create(create, owner=grant.subject)
+                _, created = open_episode(self._server.services, opening)
             except ProtocolError as refused:
                 error = _refusal("", refused).error
                 break
-            tokens, links = {}, {}
-            if create.tokens:
-                tokens = services.seat_tokens(room, create.participants, grant.subject)
-                links = services.seat_links(room, create.participants, grant.subject)
-            opened.append(
-                OpenedEpisode(episode=room.id, code=room.code, tokens=tokens, links=links)
-            )
+            opened.append(OpenedEpisode.of(created))
             await asyncio.sleep(0)  # Opening creates a file; let other episodes run in between.
-        self._note(command, grant, count=len(opened), labels=_text(create.labels))
+        self._note(command, grant, count=len(opened), labels=_text(command.create.labels))
         return CommandReply(ref=command.ref, ok=error is None, opened=opened, error=error)
 
     async def _close(self, command: mqtt.CloseCommand, grant: RoleGrant) -> str:

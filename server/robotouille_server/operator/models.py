@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
@@ -299,6 +299,11 @@ class OpenedEpisode(ResponseModel):
     links: dict[str, str] = Field(
         {}, description="Personal links by player, if tokens were requested."
     )
+
+    @classmethod
+    def of(cls, created: messages.Created) -> Self:
+        """Return the episode of an answer to `create`."""
+        return cls(**created.model_dump(include=set(cls.model_fields)))
 
 
 class OpenedEpisodes(ResponseModel):

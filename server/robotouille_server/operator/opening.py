@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import AsyncIterator, Iterable, Iterator
+from contextlib import suppress
 from http import HTTPStatus
 
 from robotouille.domain.loading import load_task, task_names
 from robotouille.domain.task import Task, Timing
-from robotouille.errors import ProtocolError
+from robotouille.errors import FileError, ProtocolError
 from robotouille.protocol import messages
-from robotouille_server.app import Server
 from robotouille_server.operator.load import Turns
-from robotouille_server.operator.models import (
-    OpenedEpisode,
-    OpenedEpisodes,
-    OpenRequest,
-    Problem,
-    TaskRow,
-)
+from robotouille_server.operator.models import OpenedEpisode, OpenRequest, TaskRow
 from robotouille_server.operator.principal import RequestRefusedError
 from robotouille_server.requests import Opening, Services, open_episode
 from robotouille_server.runtime.task_folder import TaskFolder
@@ -43,9 +37,10 @@ def task_rows(own: TaskFolder) -> list[TaskRow]:
 
 def _own_tasks(own: TaskFolder) -> Iterator[Task]:
     for name in own.names:
-        task = own.load(name, None, Timing.BENCHMARK, 0)
-        if task is not None:
-            yield task
+        # The file may have changed since the server checked it.
+        with suppress(FileError):
+            if (task := own.load(name, None, Timing.BENCHMARK, 0)) is not None:
+                yield task
 
 
 def _rows(tasks: Iterable[Task]) -> Iterator[TaskRow]:
@@ -55,28 +50,18 @@ def _rows(tasks: Iterable[Task]) -> Iterator[TaskRow]:
 
 
 async def open_episodes(
-    server: Server, turns: Turns, request: OpenRequest, owner: str
-) -> OpenedEpisodes:
-    """Open episodes, each in a turn of its own; stop at the first that the server refuses.
+    services: Services, turns: Turns, request: OpenRequest, owner: str
+) -> AsyncIterator[OpenedEpisode]:
+    """Open episodes and yield each, in a turn of its own.
 
     Raises:
-        RequestRefusedError: The server refuses the first one.
+        ProtocolError: The server refuses to open another one.
     """
-    opened: list[OpenedEpisode] = []
     opening = Opening(request=request.create, owner=owner)
     for _ in range(request.count):
         # Each episode creates a file and takes a few milliseconds.
         await turns.next()
-        try:
-            made = await _open(server.services, opening)
-        except ProtocolError as error:
-            if not opened:
-                raise _refused(error) from None
-            problem = Problem(code=error.code, message=error.message, field=error.field)
-            return OpenedEpisodes(opened=opened, problem=problem)
-        named = made.model_dump(include={"episode", "code", "tokens", "links"})
-        opened.append(OpenedEpisode(**named))
-    return OpenedEpisodes(opened=opened)
+        yield OpenedEpisode.of(await _open(services, opening))
 
 
 async def _open(services: Services, opening: Opening) -> messages.Created:
@@ -89,6 +74,7 @@ async def _open(services: Services, opening: Opening) -> messages.Created:
         raise ProtocolError("episode/unknown", str(error), "rematch") from None
 
 
-def _refused(error: ProtocolError) -> RequestRefusedError:
+def refused_opening(error: ProtocolError) -> RequestRefusedError:
+    """Return the refusal of a request of which no episode was opened."""
     status = STATUS.get(error.code, HTTPStatus.BAD_REQUEST)
     return RequestRefusedError(status, error.code, error.message, field=error.field)

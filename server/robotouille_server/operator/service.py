@@ -25,16 +25,18 @@ from robotouille_server.operator.models import (
     EpisodeDetail,
     EpisodeRow,
     NodeOverview,
+    OpenedEpisode,
     OpenedEpisodes,
     OpenRequest,
     Overview,
+    Problem,
     RecordingFault,
     ServerInfo,
     SpectatorLink,
     TaskList,
     Totals,
 )
-from robotouille_server.operator.opening import open_episodes, task_rows
+from robotouille_server.operator.opening import open_episodes, refused_opening, task_rows
 from robotouille_server.operator.other_nodes import (
     EpisodeElsewhereError,
     OtherNodes,
@@ -250,11 +252,18 @@ class OperatorService:
         """Open episodes, which belong to the subject of the principal's token."""
         self._principal.require_episode()
         owner = self._principal.token_subject or ""
-        answer = await open_episodes(self._server, self.turns, request, owner)
-        for each in answer.opened:
-            self._note("open episodes", each.episode)
-        get_logger().info("operator: open episodes", count=len(answer.opened))
-        return answer
+        opened: list[OpenedEpisode] = []
+        problem = None
+        try:
+            async for one in open_episodes(self._server.services, self.turns, request, owner):
+                self._note("open episodes", one.episode)
+                opened.append(one)
+        except ProtocolError as error:
+            if not opened:
+                raise refused_opening(error) from None
+            problem = Problem(code=error.code, message=error.message, field=error.field)
+        get_logger().info("operator: open episodes", count=len(opened))
+        return OpenedEpisodes(opened=opened, problem=problem)
 
     def pause(self, name: str) -> Done:
         """Pause an episode until `resume`."""
