@@ -7,6 +7,7 @@ import csv
 import re
 import shlex
 import sys
+from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,10 @@ import pytest
 from robotouille.protocol import messages
 from robotouille_client import connect
 from robotouille_server.auth import Role
+from robotouille_server.operator.serving import operator_view
 from tests.operator.visits import DESKTOP, browser_page
 from tests.support.operator import viewing
+from tests.support.servers import serving
 from tests.web.visits import BROWSER_TEST, PHONE, expect, visiting
 
 pytestmark = BROWSER_TEST
@@ -162,6 +165,24 @@ async def test_host_of_a_link_is_one_that_the_operator_gives(browser: Any, tmp_p
         await expect(address).to_have_value("https://kitchen.example.org/play")
 
 
+async def test_address_of_this_server_is_not_kept_for_others(browser: Any, tmp_path: Path) -> None:
+    async with AsyncExitStack() as stack:
+        first = await stack.enter_async_context(serving(tmp_path / "first"))
+        second = await stack.enter_async_context(serving(tmp_path / "second"))
+        async with operator_view(first, port=0) as port:
+            visit = browser_page(browser, port.url, allow="net::ERR_")
+            page = await stack.enter_async_context(visit)
+            dialog = await opened_form(page)
+            await dialog.get_by_label("Task").fill(TASK)
+            await dialog.get_by_role("button", name="Open", exact=True).click()
+            await saved_rows(page, dialog)
+        async with operator_view(second, port=port.port):
+            await page.reload()
+            dialog = await opened_form(page)
+            address = dialog.get_by_label("Address of the game for players")
+            await expect(address).to_have_value(f"http://127.0.0.1:{second.port}/play")
+
+
 @pytest.mark.parametrize("size", [DESKTOP, PHONE], ids=["desktop", "phone"])
 async def test_form_and_table_fit_the_screen(
     browser: Any, tmp_path: Path, size: dict[str, int]
@@ -192,6 +213,53 @@ async def test_form_is_for_tokens_that_allow_all_episodes(browser: Any, tmp_path
             await expect(page.get_by_role("button", name="Open episodes")).to_be_hidden()
 
 
+@pytest.mark.parametrize("path", ["", "play", "play/", "play?lang=de"])
+async def test_link_of_a_spectator_replaces_the_address_for_players(
+    browser: Any, tmp_path: Path, path: str
+) -> None:
+    async with viewing(tmp_path) as (_, port, _), browser_page(browser, port.url) as page:
+        dialog = await opened_form(page)
+        await dialog.get_by_label("Task").fill(TASK)
+        address = dialog.get_by_label("Address of the game for players")
+        await address.fill(f"https://kitchen.example.org/{path}")
+        await dialog.get_by_role("button", name="Open", exact=True).click()
+        await saved_rows(page, dialog)
+        await dialog.get_by_role("button", name="Close").click()
+        await page.get_by_role("button", name="Watch").click()
+        await page.get_by_role("button", name="Make a link").click()
+        link = await page.get_by_role("link", name="Open", exact=True).get_attribute("href")
+        assert link.startswith("https://kitchen.example.org/watch#")
+
+
+async def test_links_are_shown_if_the_form_is_closed_too_early(
+    browser: Any, tmp_path: Path
+) -> None:
+    async with viewing(tmp_path) as (_, port, _), browser_page(browser, port.url) as page:
+        dialog = await opened_form(page)
+
+        async def answered_late(route: Any) -> None:
+            answer = await route.fetch()
+            await dialog.get_by_role("button", name="Cancel").click()
+            await expect(dialog).to_have_count(0)
+            await route.fulfill(response=answer)
+
+        await page.route("**/api/episodes", answered_late)
+        await dialog.get_by_label("Task").fill(TASK)
+        await dialog.get_by_role("button", name="Open", exact=True).click()
+        await expect(dialog.locator("h2")).to_have_text("An episode is open")
+        assert len(await saved_rows(page, dialog)) == 1
+
+
+async def test_lost_connection_is_shown_in_the_form(browser: Any, tmp_path: Path) -> None:
+    async with viewing(tmp_path) as (_, port, _):
+        async with browser_page(browser, port.url, allow="ERR_FAILED") as page:
+            dialog = await opened_form(page)
+            await page.route("**/api/episodes", lambda route: route.abort())
+            await dialog.get_by_label("Task").fill(TASK)
+            await dialog.get_by_role("button", name="Open", exact=True).click()
+            await expect(dialog.get_by_role("alert")).to_contain_text("Failed to fetch")
+
+
 async def test_link_of_a_spectator_shows_the_game_and_nothing_else(
     browser: Any, tmp_path: Path
 ) -> None:
@@ -215,3 +283,27 @@ async def test_link_of_a_spectator_shows_the_game_and_nothing_else(
         async with visiting(browser, playing, "Eve") as eve:
             await expect(eve.locator("#cover")).to_contain_text("may not join as player")
         assert not any(seat.name for seat in room.episode.seats.values())
+
+
+async def test_late_link_of_a_spectator_is_not_shown_for_another_episode(
+    browser: Any, tmp_path: Path
+) -> None:
+    async with viewing(tmp_path) as (server, port, _), browser_page(browser, port.url) as page:
+        for _ in range(2):
+            server.lobby.create(messages.Create(task=TASK))
+        panel = page.locator(".watch")
+        watching = page.locator(".episode").get_by_role("button", name="Watch")
+
+        async def answered_late(route: Any) -> None:
+            answer = await route.fetch()
+            await watching.last.click()
+            await expect(panel.get_by_role("button", name="Make a link")).to_be_visible()
+            await route.fulfill(response=answer)
+
+        await page.route("**/spectator_link", answered_late)
+        await watching.first.click()
+        async with page.expect_response("**/spectator_link") as answer:
+            await panel.get_by_role("button", name="Make a link").click()
+        link = (await (await answer.value).json())["link"]
+        await expect(panel).not_to_contain_text(link)
+        await expect(panel.get_by_role("button", name="Make a link")).to_be_visible()

@@ -1,6 +1,7 @@
 // Requests to the server: reads, changes, event streams and downloads.
 
 import { askToken } from "./dialogs.js";
+import { saveAs } from "./dom.js";
 
 const KEY = "robotouille-operator-token";
 const REFUSED = "event: refused\ndata: ";
@@ -57,10 +58,7 @@ export async function download(event) {
   if (!token) return;
   event.preventDefault();
   const { href, download: name } = event.currentTarget;
-  const content = await (await send(href)).blob();
-  const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(content), download: name });
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
+  saveAs(await (await send(href)).blob(), name);
 }
 
 // Server-sent events, with reconnection. `received` gets each value, `linked` gets whether the

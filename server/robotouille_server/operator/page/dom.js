@@ -42,6 +42,13 @@ export function setAttribute(element, name, value) {
   if (element.getAttribute(name) !== value) element.setAttribute(name, value);
 }
 
+// Save a blob as a file of the browser.
+export function saveAs(blob, name) {
+  const link = h("a", { href: URL.createObjectURL(blob), download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
+}
+
 // Line chart without axes, scaled to its highest value.
 export function sparkline() {
   const svg = document.createElementNS(SVG, "svg");

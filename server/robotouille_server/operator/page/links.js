@@ -4,9 +4,13 @@ const PAGE = "robotouille-operator-page";
 
 // Address of the page for players. Behind a proxy, only the operator knows it.
 export const pageAddress = (server) => localStorage.getItem(PAGE) || server.page;
-export const keepPageAddress = (address) => localStorage.setItem(PAGE, address);
+export function keepPageAddress(server, address) {
+  // The server's own address changes with its port.
+  if (address === server.page) localStorage.removeItem(PAGE);
+  else localStorage.setItem(PAGE, address);
+}
 
-export const spectatorAddress = (server, token) => `${pageAddress(server).replace(/play\/?$/, "watch")}#${token}`;
+export const spectatorAddress = (server, token) => `${new URL("watch", pageAddress(server).replace(/\/$/, ""))}#${token}`;
 
 // A bot's command; all parts come from the server and need no quotes.
 function command(server, code, token, skill) {
@@ -17,7 +21,7 @@ function command(server, code, token, skill) {
 export function linkRows(opened, { page, server, create: { task, labels }, bots: { count, skill } }) {
   return opened.map(({ code, episode, links }) => {
     const players = Object.keys(links);
-    const robots = players.slice(players.length - count);
+    const robots = players.slice(Math.max(0, players.length - count));
     const of = (names, value) => Object.fromEntries(names.map((player) => [player, value(links[player])]));
     return {
       code, episode, task, labels,

@@ -1,8 +1,8 @@
 // The form that opens episodes, and the table of their links.
 
-import { Refused, get, post } from "./api.js";
+import { get, post } from "./api.js";
 import { ask, toast } from "./dialogs.js";
-import { button, h, setAttribute, setText } from "./dom.js";
+import { button, h, saveAs, setAttribute, setText } from "./dom.js";
 import { asCSV, keepPageAddress, linkRows, pageAddress } from "./links.js";
 
 const DAY = 86_400;
@@ -128,26 +128,25 @@ class Form {
     setText(this.status, "");
     if (!problem) return;
     // The server names fields as `create.labels.condition`.
-    const [name] = problem.field.replace(/^create\./, "").split(".");
+    const [name] = (problem.field ?? "").replace(/^create\./, "").split(".");
     const found = this.fields[name];
-    const words = problem.message.replace(`invalid ${problem.field}: `, "").replace(`${name}: `, "");
     if (!found) return setText(this.status, problem.message);
+    const words = problem.message.replace(`invalid ${problem.field}: `, "").replace(`${name}: `, "");
     found.fail(words);
     found.control.focus();
   }
 
-  // Opens the episodes; resolves to their links, or to null after a refusal.
+  // Opens the episodes; resolves to their links, or to null after a fault, which is shown.
   async submitted() {
     this.show(null);
     this.send.disabled = true;
     try {
       const { count, create, bots, page } = this.order();
       const answer = await post("api/episodes", { count, create });
-      keepPageAddress(page);
+      keepPageAddress(this.server, page);
       const made = { page, server: this.server.url, create, bots };
       return new Links(answer, linkRows(answer.opened, made));
     } catch (problem) {
-      if (!(problem instanceof Refused || problem instanceof FieldFault)) throw problem;
       this.show(problem);
       return null;
     } finally {
@@ -195,10 +194,7 @@ class Links {
   }
 
   save() {
-    const content = new Blob([asCSV(this.rows, ",")], { type: "text/csv" });
-    const link = h("a", { href: URL.createObjectURL(content), download: "opened.csv" });
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
+    saveAs(new Blob([asCSV(this.rows, ",")], { type: "text/csv" }), "opened.csv");
     this.saved = true;
   }
 }
@@ -221,7 +217,9 @@ export async function openEpisodes(server) {
   let links = null;
   const dialog = h("dialog", {
     class: "wide", "aria-label": "Open episodes",
-    onclose: () => dialog.remove(),
+    onclose: () => {
+      if (!dialog.open) dialog.remove();
+    },
     oncancel: (event) => {
       if (!links || links.saved) return;
       event.preventDefault();
@@ -240,9 +238,14 @@ export async function openEpisodes(server) {
       close();
     });
     dialog.replaceChildren(links.root);
+    // The operator may have cancelled while the server opened the episodes.
+    if (!dialog.open) open();
     links.root.querySelector("h2").focus();
   });
-  document.body.append(dialog);
-  dialog.showModal();
+  function open() {
+    document.body.append(dialog);
+    dialog.showModal();
+  }
+  open();
   form.fields.task.control.focus();
 }

@@ -7,8 +7,6 @@ import replay from "./replay/bundle.js";
 const CODEBOOK = "robotouille-operator-codebook";
 const RESERVED = " ,.+-";
 
-const name = decodeURIComponent(location.hash.slice(1));
-
 function fail(words) {
   const message = document.getElementById("message");
   message.hidden = false;
@@ -46,8 +44,9 @@ function chooser() {
 }
 
 async function start() {
-  if (!name) return fail("The address names no recording. Open a replay from the operator page.");
   try {
+    const name = decodeURIComponent(location.hash.slice(1));
+    if (!name) return fail("The address names no recording. Open a replay from the operator page.");
     const data = await getPacked(`api/recordings/${encodeURIComponent(name)}/replay`);
     const codebook = sessionStorage.getItem(CODEBOOK);
     if (codebook) data.codebook = JSON.parse(codebook);

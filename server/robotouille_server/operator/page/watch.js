@@ -179,13 +179,15 @@ export class Watch {
   // A new link each time: a removed spectator cannot come back with the same one.
   async invite() {
     if (!pageAddress(this.server())) return toast("This server shows no page for browsers.", true);
+    // The panel may show another episode when the link arrives.
+    const { spectate } = this;
     const made = await spectatorLink(this.row);
     if (!made) return;
     const address = h("code", {}, spectatorAddress(this.server(), made.link));
-    this.spectate.replaceChildren(address,
+    spectate.replaceChildren(address,
       button("copy", "Copy the link", () => this.copy(address), "icon small"),
       h("a", { class: "button small", href: address.textContent, target: "_blank", rel: "noreferrer" }, icon("eye"), h("span", {}, "Open")));
-    this.spectate.querySelector("a").focus();
+    spectate.querySelector("a").focus();
   }
 
   async copy(element) {
