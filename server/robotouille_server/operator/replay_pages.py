@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import os
 import sys
-from collections.abc import Sequence
 from contextlib import suppress
 from http import HTTPStatus
 from pathlib import Path
@@ -31,9 +30,8 @@ COMMAND = (sys.executable, "-P", "-m", "robotouille.web.recording_data")
 class ReplayPages:
     """Makes the data of a few pages at the same time."""
 
-    def __init__(self, tasks: Path | None, command: Sequence[str] = COMMAND) -> None:
+    def __init__(self, tasks: Path | None) -> None:
         self._tasks = tasks
-        self._command = command
         self._free = asyncio.Semaphore(AT_ONCE)
         self._unfinished = 0
 
@@ -62,7 +60,7 @@ class ReplayPages:
         # `seek` of a buffered file may leave the position of its descriptor.
         os.lseek(file.fileno(), 0, os.SEEK_SET)
         process = await asyncio.create_subprocess_exec(
-            *self._command, name, str(size), folder,
+            *COMMAND, name, str(size), folder,
             stdin=file, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
         )  # fmt: skip
         try:

@@ -7,7 +7,6 @@ JSON. TASKS is the folder of the operator's own tasks, or empty.
 from __future__ import annotations
 
 import gzip
-import json
 import os
 import sys
 from pathlib import Path
@@ -17,6 +16,7 @@ from robotouille.replay.file_names import recording_stem
 from robotouille.replay.looks import choose_look
 from robotouille.replay.recording import recording_of
 from robotouille.web.recording_page import page_data
+from robotouille.web.single_file import encoded
 
 
 def main() -> None:
@@ -31,9 +31,7 @@ def main() -> None:
         data = page_data([(recording_stem(name), recording)])
     except RobotouilleError as error:
         sys.exit(str(error))
-    text = json.dumps(data, ensure_ascii=False, separators=(",", ":"))
-    # Recordings may contain lone surrogates.
-    sys.stdout.buffer.write(gzip.compress(text.encode("utf-8", "replace"), 6))
+    sys.stdout.buffer.write(gzip.compress(encoded(data), 6))
 
 
 if __name__ == "__main__":

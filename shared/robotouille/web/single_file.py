@@ -45,10 +45,8 @@ def single_file(entry: str, page: str, styles: list[str], data: Any) -> str:
             "form-action 'none'",
         )
     )
-    text = json.dumps(data, ensure_ascii=False, separators=(",", ":"))
     modules = packed(bundle(entry, module_text).encode())
-    # Recordings may contain lone surrogates.
-    content = packed(text.encode("utf-8", "replace"))
+    content = packed(encoded(data))
     return filled(
         page,
         head=f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
@@ -62,6 +60,13 @@ def single_file(entry: str, page: str, styles: list[str], data: Any) -> str:
 def filled(page: str, **parts: str) -> str:
     """Return HTML with parts in place of their names in braces."""
     return re.sub(r"\{(\w+)\}", lambda match: parts[match[1]], page)
+
+
+def encoded(data: Any) -> bytes:
+    """Return JSON values as compact text."""
+    text = json.dumps(data, ensure_ascii=False, separators=(",", ":"))
+    # Recordings may contain lone surrogates.
+    return text.encode("utf-8", "replace")
 
 
 def packed(content: bytes) -> str:
