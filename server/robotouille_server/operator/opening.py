@@ -75,6 +75,6 @@ async def _open(services: Services, opening: Opening) -> messages.Created:
 
 
 def refused_opening(error: ProtocolError) -> RequestRefusedError:
-    """Return the refusal of a request of which no episode was opened."""
+    """Return the answer to a request whose first episode was refused."""
     status = STATUS.get(error.code, HTTPStatus.BAD_REQUEST)
     return RequestRefusedError(status, error.code, error.message, field=error.field)
