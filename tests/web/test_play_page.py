@@ -143,7 +143,6 @@ async def test_whole_task_is_played_in_a_browser(
                 await way(page, words)
             await expect(page.locator("#cover")).to_contain_text("Goal reached")
             await expect(page.locator(".dish li:not(.done)")).to_have_count(0)
-        await asyncio.sleep(0.1)
     recording = read_recording(next(tmp_path.glob("*.rbt")))
     assert recording.outcome is not None
     assert recording.outcome["reason"] == "goal"
@@ -512,7 +511,6 @@ async def test_chromium_and_firefox_finish_a_game_together(browser: Any, tmp_pat
             await firefox.wait_for(
                 "document.querySelector('#cover').innerText.includes('Goal reached')"
             )
-        await asyncio.sleep(0.1)
     recording = read_recording(next(tmp_path.glob("*.rbt")))
     assert recording.outcome is not None
     assert recording.outcome["reason"] == "goal"
