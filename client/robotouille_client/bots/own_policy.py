@@ -45,33 +45,40 @@ class OwnPolicyError(RobotouilleError):
         super().__init__(message)
 
 
+def load_own(name: str) -> tuple[Any, str]:
+    """Return the object `MODULE:NAME` and the file of its module.
+
+    Raises:
+        RobotouilleError: The module or name is missing.
+    """
+    module_name, _, attribute = name.partition(":")
+    if not all(part.isidentifier() for part in (*module_name.split("."), attribute)):
+        raise RobotouilleError(f"{name!r} is not MODULE:NAME, as in my_bot:MyPolicy")
+    module = _import(module_name)
+    file = getattr(module, "__file__", None) or ""
+    if not hasattr(module, attribute):
+        known = [n for n in vars(module) if not n.startswith("_")]
+        near = did_you_mean(attribute, known)
+        raise RobotouilleError(f"{file or module_name} has no {attribute!r}{near}")
+    return getattr(module, attribute), file
+
+
 def own_policy_maker(name: str) -> MakePolicy:
     """Return a function that makes the policy `MODULE:NAME`.
 
     Raises:
         RobotouilleError: The module or name is missing or is not a policy maker.
     """
-    module_name, _, attribute = name.partition(":")
-    if not all(part.isidentifier() for part in (*module_name.split("."), attribute)):
-        raise RobotouilleError(f"{name!r} is not MODULE:NAME, as in my_bot:MyPolicy")
-    module = _import(module_name)
-    if not hasattr(module, attribute):
-        known = [n for n in vars(module) if not n.startswith("_")]
-        near = did_you_mean(attribute, known)
-        raise RobotouilleError(
-            f"{getattr(module, '__file__', None) or module_name} has no {attribute!r}{near}"
-        )
-    maker = getattr(module, attribute)
+    maker, file = load_own(name)
     if not _takes_two(maker):
         raise RobotouilleError(f"{name} must be {WHAT_IT_IS}")
     if inspect.isclass(maker) and not callable(getattr(maker, "act", None)):
         raise RobotouilleError(
             f"{name} has no method 'act', which takes a state and returns an action"
         )
-    file = getattr(module, "__file__", None) or ""
 
     def make(state: State, player: str) -> Policy:
-        with _own_errors(name, file):
+        with own_errors(name, file):
             policy = maker(state, player)
         if not callable(getattr(policy, "act", None)):
             raise OwnPolicyError(f"the policy that {name} returns has no method 'act'")
@@ -92,11 +99,11 @@ class _OwnPolicy:
     def observe(self, did: Did) -> None:
         observe = getattr(self._policy, "observe", None)
         if observe is not None:
-            with _own_errors(f"{self._name}.observe", self._file):
+            with own_errors(f"{self._name}.observe", self._file):
                 observe(did)
 
     def act(self, state: State) -> GroundAction | None:
-        with _own_errors(f"{self._name}.act", self._file):
+        with own_errors(f"{self._name}.act", self._file):
             found = self._policy.act(state)
         if found is None or isinstance(found, GroundAction):
             return found
@@ -126,15 +133,20 @@ def _nearest(text: str, actions: tuple[GroundAction, ...]) -> str:
 
 
 @contextmanager
-def _own_errors(what: str, file: str) -> Iterator[None]:
+def own_errors(what: str, file: str) -> Iterator[None]:
     """Turn an exception of the user's code into an `OwnPolicyError` with frames of its file."""
     try:
         yield
     except Exception as error:
-        own = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == file]
-        frames = "".join(traceback.format_list(own[-MAX_FRAMES:])).rstrip()
-        words = f"{type(error).__name__}: {error}".rstrip(": ")
-        raise OwnPolicyError(f"{what} raised {words}", frames) from error
+        raise own_error(what, file, error) from error
+
+
+def own_error(what: str, file: str, error: Exception) -> OwnPolicyError:
+    """Return an exception of the user's code as an `OwnPolicyError`."""
+    own = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == file]
+    frames = "".join(traceback.format_list(own[-MAX_FRAMES:])).rstrip()
+    words = f"{type(error).__name__}: {error}".rstrip(": ")
+    return OwnPolicyError(f"{what} raised {words}", frames)
 
 
 def _import(name: str) -> Any:

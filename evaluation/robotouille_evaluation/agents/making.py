@@ -7,6 +7,7 @@ from typing import Any
 
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille_evaluation.agents.answers import PromptHistory, TolerantParser
+from robotouille_evaluation.agents.custom import custom_strategy, is_custom
 from robotouille_evaluation.agents.joint_team import JointAnswers
 from robotouille_evaluation.agents.proposal import Strategy
 from robotouille_evaluation.agents.react import PlanOnce, Prompts, ReAct, ReActSettings, Reflexion
@@ -26,12 +27,14 @@ def make_strategy(pack: Pack, name: str, dataset: str) -> Strategy:
     """Return a new strategy for one episode.
 
     Args:
-        name: Id of an experiment of the pack, or one of `OWN_STRATEGIES`.
+        name: Id of an experiment of the pack, one of `OWN_STRATEGIES`, or `MODULE:NAME`.
         dataset: Dataset whose examples are shown.
 
     Raises:
         UnknownNameError: No strategy has this name.
     """
+    if is_custom(name):
+        return custom_strategy(name)
     experiments = {experiment.id: experiment for experiment in pack.experiments}
     if name in experiments:
         return published_strategy(pack, experiments[name])
@@ -49,6 +52,10 @@ def team_strategy(pack: Pack, name: str, dataset: str, control: Control) -> Stra
         RobotouilleError: The strategy does not support this control.
     """
     strategy = make_strategy(pack, name, dataset)
+    if is_custom(name):
+        if control == "joint":
+            raise RobotouilleError(f"{name} cannot be asked for all robots at once")
+        return strategy
     if name not in OWN_STRATEGIES:
         raise RobotouilleError(
             f"{name} is played as published, with a conversation for each robot, "

@@ -12,6 +12,8 @@ from rich.console import Console
 
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille.terminal import tell
+from robotouille_client.bots.own_policy import own_policy_maker
+from robotouille_evaluation.agents.custom import asks_a_model, is_custom
 from robotouille_evaluation.agents.making import OWN_STRATEGIES, STRATEGY_WORDS, make_strategy
 from robotouille_evaluation.cli.models import ModelChoice, check_model
 from robotouille_evaluation.cli.run_options import RunOptions
@@ -297,15 +299,10 @@ def agent_spec(name: str, pack: Pack, model: ModelChoice) -> AgentSpec:
     """Return the agent with a name, or raise UnknownNameError."""
     if name in COMPUTED:
         return AgentSpec.model_validate({"name": name, "kind": name})
-    experiments = {experiment.id: experiment for experiment in pack.experiments}
-    if name in experiments:
-        _experiment(pack, name)
-    elif "/" in name:
-        raise _unknown_experiment(name, pack)
-    elif name not in OWN_STRATEGIES:
-        known = [*COMPUTED, *OWN_STRATEGIES, *experiments]
-        near = did_you_mean(name, known) or f"; choose {', '.join(known)}"
-        raise UnknownNameError(f"no agent {name!r}{near}")
+    if is_custom(name) and not asks_a_model(name):
+        own_policy_maker(name)  # raises an error if it is not a policy
+        return AgentSpec(name=name, kind="custom")
+    _check_strategy(name, pack)
     make_strategy(pack, name, pack.datasets[0])  # raises an error if the pack lacks its prompt
     return AgentSpec(
         name=model_agent_name(name, model.name, model.parameters),
@@ -318,6 +315,19 @@ def agent_spec(name: str, pack: Pack, model: ModelChoice) -> AgentSpec:
         timeout=model.timeout,
         attempts=model.attempts,
     )
+
+
+def _check_strategy(name: str, pack: Pack) -> None:
+    """Raise UnknownNameError if no strategy has this name."""
+    experiments = {experiment.id: experiment for experiment in pack.experiments}
+    if name in experiments:
+        _experiment(pack, name)
+    elif "/" in name:
+        raise _unknown_experiment(name, pack)
+    elif name not in OWN_STRATEGIES and not is_custom(name):
+        known = [*COMPUTED, *OWN_STRATEGIES, *experiments]
+        near = did_you_mean(name, known) or f"; choose {', '.join(known)}, or MODULE:NAME"
+        raise UnknownNameError(f"no agent {name!r}{near}")
 
 
 def _unknown_experiment(name: str, pack: Pack) -> UnknownNameError:

@@ -20,6 +20,7 @@ from robotouille.planning.policies import (
 from robotouille.planning.policies.shift_policy import ShiftPolicy
 from robotouille.planning.shift import DishPlanner
 from robotouille.planning.solvers import AnytimePlanner
+from robotouille_client.bots.own_policy import own_policy_maker
 from robotouille_evaluation.agents.joint_team import JointTeam
 from robotouille_evaluation.agents.making import make_strategy, team_strategy
 from robotouille_evaluation.agents.proposal import (
@@ -237,5 +238,7 @@ class JobAgents:
             case "scripted":
                 plan = self._pack.plan(job.instance, world)
                 return script(plan, player, world, lockstep=job.real_time is None)
+            case "custom":
+                return PolicyAgent(own_policy_maker(job.agent.name)(world.initial, player))
             case "model":
                 return make_strategy(self._pack, job.agent.strategy, self._dataset)

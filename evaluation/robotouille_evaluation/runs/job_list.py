@@ -63,6 +63,7 @@ class AgentSpec(BaseModel):
     """Agent of a run.
 
     Attributes:
+        kind: `custom` for a policy of the user's, named as `MODULE:NAME`.
         strategy: Strategy of a language model, or the id of an experiment of the pack.
         parameters: Parameters of each request.
         prices: Prices of a million tokens sent and received, such as `0.40/1.20`; list prices if
@@ -74,7 +75,7 @@ class AgentSpec(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     name: str
-    kind: Literal["planner", "random", "scripted", "model"]
+    kind: Literal["planner", "random", "scripted", "custom", "model"]
     strategy: str = ""
     model: str = ""
     base_url: str = ""
