@@ -142,7 +142,6 @@ class RecordedRunner:
         names: Names of the participants by player.
         kind: Kind of all participants.
         episode: Identifier of the episode in the recording.
-        answered: Observer of each exchange with a model.
         reversal: Chooses facts to reverse after each step.
     """
 
@@ -154,7 +153,6 @@ class RecordedRunner:
         *,
         kind: Kind = "bot",
         episode: str = "local",
-        answered: Callable[[str, Exchange], None] | None = None,
         reversal: RandomReversal = no_reversal,
     ) -> None:
         self._period = rules.period if rules.clock is Clock.REALTIME else 1.0
@@ -166,7 +164,6 @@ class RecordedRunner:
         self._now = 0.0
         self._seq = 0
         self.invalid = self.malformed = 0
-        self._answered = answered
         self._notes = {player: CallNotes() for player in world.players}
         self._names = names
         # All seats are taken at once, so the episode starts at time 0.
@@ -214,10 +211,8 @@ class RecordedRunner:
     def answered(self, player: str, exchange: Exchange, basis: int | None = None) -> None:
         """Record an exchange and, if its answer has no valid action, the rejection.
 
-        After the end of the episode the exchange is only passed to the observer.
+        After the end of the episode, there is nothing to record.
         """
-        if self._answered is not None:
-            self._answered(player, exchange)
         if self._episode.ended:
             return
         note = exchange_note(self._notes[player], exchange, timed=False)
