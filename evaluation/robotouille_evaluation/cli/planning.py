@@ -69,12 +69,22 @@ def plan_run(out: Path, options: RunOptions) -> PlannedRun:
             )
         chosen = _instances(pack, options, None)
         folder, pack = (out / "pack").resolve(), _without_delays(pack, chosen, options.seats)
-    jobs: dict[str, EpisodeJob] = {}
+    jobs: dict[tuple[str, float], EpisodeJob] = {}
     settings: Sequence[Experiment | None] = experiments or [None]
     for experiment in settings:
-        jobs |= {job.id: job for job in _jobs(pack, options, experiment, real_time)}
+        for job in _jobs(pack, options, experiment, real_time):
+            jobs.setdefault(_episode(pack, job), job)
     own_folder = options.pack is None or options.variant == "delay-free"
     return PlannedRun(pack, folder, tuple(jobs.values()), own_folder)
+
+
+def _episode(pack: Pack, job: EpisodeJob) -> tuple[str, float]:
+    """Return what is equal for jobs of several experiments that play the same episode.
+
+    Without this, `--agents planner` would play it once for each experiment, and a report would
+    count all of these episodes.
+    """
+    return job.model_copy(update={"experiment": ""}).id, job.step_budget(pack).steps
 
 
 def _words(text: str) -> tuple[str, ...]:

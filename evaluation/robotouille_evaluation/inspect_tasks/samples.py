@@ -144,7 +144,7 @@ def samples(pack: Pack, dataset: str, options: TaskOptions) -> MemoryDataset:
 
 def _sample(pack: Pack, job: EpisodeJob) -> Sample:
     instance = pack.instance(job.instance)
-    budget = pack.budget(instance, job.budget, seats=job.seats)
+    budget = job.step_budget(pack)
     best = instance.best(job.seats)
     metadata: dict[str, Any] = {
         "pack": {"name": pack.name, "version": pack.version, "digest": pack.digest},

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from robotouille.errors import RobotouilleError
-from robotouille_evaluation.packs.pack import Budget, BudgetKind, Pack, PackInstance
+from robotouille_evaluation.packs.pack import Pack, PackInstance
 
 GoalBudget = Literal["own", "published"]
 """Rule of the step budget of tasks with goals. A shift has its own length."""
@@ -78,28 +78,6 @@ def common_rule(pack: Pack, instances: Iterable[PackInstance], seats: int | None
             "these instances), or find more plans with `robotouille pack prove` first"
         )
     return "published" if unknown else "own"
-
-
-def budget_of(
-    pack: Pack,
-    instance: PackInstance,
-    rule: BudgetKind,
-    seats: int | None = None,
-    experiment: str = "",
-) -> Budget:
-    """Return the step budget of an instance.
-
-    Args:
-        experiment: Experiment whose constants and multiplier replace those of the pack.
-
-    Raises:
-        RobotouilleError: The instance has no such budget, or the experiment is unknown.
-    """
-    if rule == "published" and experiment:
-        found = pack.experiment(experiment).budget(instance.task)
-        if found is not None:
-            return found
-    return pack.budget(instance, rule, seats=seats)
 
 
 def _has(pack: Pack, instance: PackInstance, rule: GoalBudget, seats: int | None) -> bool:

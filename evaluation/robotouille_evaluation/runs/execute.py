@@ -36,7 +36,6 @@ from robotouille_evaluation.models import Model, Usage
 from robotouille_evaluation.models.model import NOTHING
 from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.realtime import Charge, RealTimeSeat
-from robotouille_evaluation.runs.budgets import budget_of
 from robotouille_evaluation.runs.chance import reversal_of
 from robotouille_evaluation.runs.episode_runner import (
     EpisodeRunner,
@@ -96,10 +95,8 @@ async def play_job(
     """
     begun = context.clock()
     pack = context.pack
-    instance = pack.instance(job.instance)
     world = _world(pack, job)
-    allowed = budget_of(pack, instance, job.budget, job.seats, job.experiment)
-    budget = allowed.steps * job.slack
+    budget = job.step_budget(pack).steps * job.slack
     limit = math.ceil(budget)
     episode = _JobEpisode(job, context, world, budget, wrap)
     error = None

@@ -15,9 +15,9 @@ from robotouille.errors import RobotouilleError, WrongArgumentError
 from robotouille_evaluation.agents.making import team_strategy
 from robotouille_evaluation.agents.team import Control
 from robotouille_evaluation.metrics.rows import MAX_NUMBER
-from robotouille_evaluation.packs.pack import Pack, PackInstance
+from robotouille_evaluation.packs.pack import Budget, Pack, PackInstance
 from robotouille_evaluation.realtime import Charge, LatePolicy
-from robotouille_evaluation.runs.budgets import GoalBudget, budget_of, common_rule
+from robotouille_evaluation.runs.budgets import GoalBudget, common_rule
 
 Variant = Literal["", "stochastic", "stochastic-paper", "delay-free"]
 """Unchanged; a cut item reverts by chance, with the probability of the published code or of the
@@ -165,6 +165,19 @@ class EpisodeJob(BaseModel):
         """Factor of the step limit."""
         return 1.0 if self.real_time is None else self.real_time.slack
 
+    def step_budget(self, pack: Pack) -> Budget:
+        """Return the step budget, with the constants of the experiment if it plays the task.
+
+        Raises:
+            RobotouilleError: The instance has no such budget, or the experiment is unknown.
+        """
+        instance = pack.instance(self.instance)
+        if self.budget == "published" and self.experiment:
+            found = pack.experiment(self.experiment).budget(instance.task)
+            if found is not None:
+                return found
+        return pack.budget(instance, self.budget, seats=self.seats)
+
 
 @dataclass(frozen=True, slots=True)
 class JobOptions:
@@ -221,11 +234,10 @@ def plan_jobs(
     for instance in instances:
         count = instance.seats if seats is None else seats
         rule = _budget_rule(pack, instance, goal_rule, options)
-        budget_of(pack, instance, rule, count, options.experiment)
         for agent in agents:
             _check_playable(agent, instance, rule, count, real_time)
             for seed in seeds:
-                yield EpisodeJob(
+                job = EpisodeJob(
                     agent=agent,
                     instance=instance.id,
                     seats=count,
@@ -236,6 +248,8 @@ def plan_jobs(
                     control=control if agent.kind == "model" and count > 1 else "each",
                     experiment=options.experiment,
                 )
+                job.step_budget(pack)  # raises an error if there is none
+                yield job
 
 
 def _budget_rule(

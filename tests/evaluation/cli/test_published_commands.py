@@ -169,6 +169,10 @@ def test_folder_of_experiments_is_played_at_once(tmp_path: Path) -> None:
     result = called("benchmark", "run", tmp_path / "run", *words)
     assert result.exit_code == 0, result.output
     assert {row.experiment for row in RunFolder(tmp_path / "run").rows()} == set(names)
+    baseline = called("benchmark", "run", tmp_path / "baseline", *words, *RANDOM)
+    assert baseline.exit_code == 0, baseline.output
+    rows = RunFolder(tmp_path / "baseline").rows()
+    assert [row.agent for row in rows] == ["random"], "both experiments share the episode"
 
 
 def test_options_replace_settings_of_an_experiment(tmp_path: Path, by_chance: Path) -> None:
