@@ -12,7 +12,8 @@ from robotouille_evaluation.agents.joint_team import JointAnswers
 from robotouille_evaluation.agents.proposal import Strategy
 from robotouille_evaluation.agents.react import PlanOnce, Prompts, ReAct, ReActSettings, Reflexion
 from robotouille_evaluation.agents.team import Control
-from robotouille_evaluation.packs.pack import Experiment, Pack
+from robotouille_evaluation.packs.experiment import Experiment
+from robotouille_evaluation.packs.pack import Pack
 
 FLAGS = {
     "is_no_history": PromptHistory.NONE,

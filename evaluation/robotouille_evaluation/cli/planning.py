@@ -18,8 +18,9 @@ from robotouille_evaluation.agents.making import OWN_STRATEGIES, STRATEGY_WORDS,
 from robotouille_evaluation.cli.models import ModelChoice, check_model
 from robotouille_evaluation.cli.run_options import RunOptions
 from robotouille_evaluation.packs.delay_free import delay_free
+from robotouille_evaluation.packs.experiment import Experiment
 from robotouille_evaluation.packs.own import pack_with
-from robotouille_evaluation.packs.pack import Experiment, InstanceKind, Pack, PackInstance
+from robotouille_evaluation.packs.pack import InstanceKind, Pack, PackInstance
 from robotouille_evaluation.packs.store import read_pack
 from robotouille_evaluation.realtime import LatePolicy
 from robotouille_evaluation.runs import AgentSpec, EpisodeJob, JobOptions, RealTime, plan_jobs
@@ -225,7 +226,9 @@ def _instances(
 ) -> list[PackInstance]:
     """Return the chosen instances, or raise RobotouilleError."""
     datasets, tasks, kinds = map(_words, (options.datasets, options.tasks, options.kinds))
-    usual: Sequence[str] = pack.usual_kinds if experiment is None else (experiment.kind,)
+    usual = pack.usual_kinds
+    if experiment is not None:
+        usual = ("noisy",) if experiment.noisy else ("free",)
     _check_names("dataset", datasets, pack.datasets)
     _check_names("kind of instance", kinds, get_args(InstanceKind))
     if experiment is not None and not tasks:

@@ -6,16 +6,15 @@ pack = read_checkout(Path("robotouille")).pack           # the published ones, f
 write_pack(pack, Path("packs/published"))
 """
 
+from robotouille_evaluation.packs.budget import Budget, BudgetKind, own_budget, published_budget
 from robotouille_evaluation.packs.checking import check_pack
 from robotouille_evaluation.packs.differences import PackDifferences, compare_packs
+from robotouille_evaluation.packs.experiment import Experiment
 from robotouille_evaluation.packs.own import build_own_pack, build_shift_pack
 from robotouille_evaluation.packs.pack import (
-    Budget,
-    BudgetKind,
     ExampleEpisode,
     Examples,
     ExampleStep,
-    Experiment,
     FigureData,
     InstanceKind,
     KnownPlan,
@@ -23,8 +22,6 @@ from robotouille_evaluation.packs.pack import (
     PackInstance,
     PackTask,
     Prompt,
-    own_budget,
-    published_budget,
 )
 from robotouille_evaluation.packs.store import default_folder, read_pack, write_pack
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -26,44 +25,14 @@ from robotouille.domain.task import build_task
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille.installation import matching_names
 from robotouille.planning import Plan, read_plan
-
-BudgetKind = Literal["published", "own", "shift"]
-
-MULTIPLIER = 1.5
-"""Factor of the optimum (paper, section 4)."""
-
-
-@dataclass(frozen=True, slots=True)
-class Budget:
-    """Limit of steps, which may be a fraction such as 31.5.
-
-    Results under budgets of different kinds are not comparable, so results name the kind.
-    """
-
-    kind: BudgetKind
-    optimal: int
-    steps: float
-
-    @property
-    def max_steps(self) -> int:
-        """Most steps that are taken: 32 for a limit of 31.5."""
-        return math.ceil(self.steps)
-
-
-def published_budget(constant: int, multiplier: float = MULTIPLIER) -> Budget:
-    """Return the published budget: one constant per task for all layouts, without rounding."""
-    return Budget("published", constant, constant * multiplier)
-
-
-def own_budget(optimal: int, multiplier: float = MULTIPLIER) -> Budget:
-    """Return the budget for the length of an instance's shortest known plan."""
-    return Budget("own", optimal, optimal * multiplier)
-
-
-def shift_budget(steps: int) -> Budget:
-    """Return the budget of a shift, which is its length."""
-    return Budget("shift", steps, steps)
-
+from robotouille_evaluation.packs.budget import (
+    Budget,
+    BudgetKind,
+    own_budget,
+    published_budget,
+    shift_budget,
+)
+from robotouille_evaluation.packs.experiment import Experiment
 
 InstanceKind = Literal["default", "free", "noisy"]
 """Layout of objects: as in the task, anywhere, or moved in groups, which is easier."""
@@ -169,68 +138,6 @@ class PackInstance:
         """Return the proven optimum for a number of players, by default the usual one."""
         best = self.best(seats)
         return best.steps if best is not None and best.proven else None
-
-
-@dataclass(frozen=True, slots=True)
-class Experiment:
-    """Published experiment: agent, tasks with their constants, seeds and settings.
-
-    `settings` has the groups `evaluation`, `game` and `llm` of the published code.
-    """
-
-    id: str
-    agent: str
-    tasks: tuple[str, ...]
-    optimal_steps: tuple[int, ...]
-    seeds: tuple[int, ...]
-    settings: Mapping[str, Any]
-
-    @property
-    def prompt_ids(self) -> tuple[str, ...]:
-        """Ids of the prompts that the settings name."""
-        prompts = self.settings["llm"]["prompts"]
-        named = (prompt for prompt in prompts.values() if isinstance(prompt, Mapping))
-        return tuple(
-            f"{p['experiment_name']}/{p.get('prompt_version')}-{p.get('prompt_description')}"
-            for p in named
-            if p.get("experiment_name")
-        )
-
-    def budget(self, task: str) -> Budget | None:
-        """Return the step budget of a task; None if the experiment does not play it.
-
-        Settings with `max_steps` replace the constants. As in the published code, the multiplier
-        applies to them, too.
-        """
-        constants = dict(zip(self.tasks, self.optimal_steps, strict=True))
-        if task not in constants:
-            return None
-        game = self.settings.get("game", {})
-        fixed = game.get("max_steps")
-        steps = constants[task] if fixed is None else fixed
-        return published_budget(steps, game.get("max_step_multiplier", 1))
-
-    @property
-    def temperature(self) -> float | None:
-        """Temperature of each request; None for the endpoint's own."""
-        found = self.settings["llm"].get("temperature")
-        return None if found is None else float(found)
-
-    @property
-    def stochastic(self) -> bool:
-        """True if a cut item may become uncut by chance."""
-        return bool(self.settings.get("game", {}).get("stochastic"))
-
-    @property
-    def kind(self) -> InstanceKind:
-        """Kind of the instances of its seeds."""
-        return "noisy" if self.settings.get("game", {}).get("noisy_randomization") else "free"
-
-    @property
-    def shown(self) -> tuple[str, ...]:
-        """Names of the examples that the settings name."""
-        folder = self.settings["llm"].get("example_dir_path")
-        return (folder,) if isinstance(folder, str) and folder else ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,9 +17,9 @@ from robotouille.domain.files import is_file, read_json, validate
 from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.domain.task import build_task
 from robotouille.errors import Fault, FileError
+from robotouille_evaluation.packs.experiment import Experiment
 from robotouille_evaluation.packs.pack import (
     Examples,
-    Experiment,
     FigureData,
     Pack,
     PackInstance,

@@ -20,7 +20,8 @@ from pydantic import BaseModel, Field, ValidationError
 
 from robotouille.domain import files
 from robotouille.errors import Fault, FileError, MissingExtraError
-from robotouille_evaluation.packs.pack import ExampleEpisode, Examples, ExampleStep, Experiment
+from robotouille_evaluation.packs.experiment import Experiment
+from robotouille_evaluation.packs.pack import ExampleEpisode, Examples, ExampleStep
 
 
 def read_text(path: Path, root: Path) -> str:

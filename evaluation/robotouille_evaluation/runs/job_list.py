@@ -15,7 +15,8 @@ from robotouille.errors import RobotouilleError, WrongArgumentError
 from robotouille_evaluation.agents.making import team_strategy
 from robotouille_evaluation.agents.team import Control
 from robotouille_evaluation.metrics.rows import MAX_NUMBER
-from robotouille_evaluation.packs.pack import Budget, Pack, PackInstance
+from robotouille_evaluation.packs.budget import Budget, BudgetKind
+from robotouille_evaluation.packs.pack import Pack, PackInstance
 from robotouille_evaluation.realtime import Charge, LatePolicy
 from robotouille_evaluation.runs.budgets import GoalBudget, common_rule
 
@@ -23,7 +24,6 @@ Variant = Literal["", "stochastic", "stochastic-paper", "delay-free"]
 """Unchanged; a cut item reverts by chance, with the probability of the published code or of the
 paper (`chance`); or nothing takes time (`packs.delay_free`)."""
 HelperKind = Literal["none", "planner", "script"]
-BudgetRule = Literal["published", "own", "shift"]
 
 
 class RealTime(BaseModel):
@@ -123,7 +123,7 @@ class EpisodeJob(BaseModel):
     instance: str
     seats: int
     seed: int = Field(ge=-MAX_NUMBER, le=MAX_NUMBER)
-    budget: BudgetRule
+    budget: BudgetKind
     variant: Variant = ""
     real_time: RealTime | None = None
     control: Control = "each"
@@ -254,7 +254,7 @@ def plan_jobs(
 
 def _budget_rule(
     pack: Pack, instance: PackInstance, goal_rule: GoalBudget, options: JobOptions
-) -> BudgetRule:
+) -> BudgetKind:
     if pack.shift(instance) is not None:
         if options.real_time is not None and options.real_time.slack != 1:
             raise RobotouilleError(f"{instance.id} is a shift, which cannot be longer: no --slack")
@@ -272,7 +272,7 @@ def _variant(pack: Pack, agent: AgentSpec, options: JobOptions) -> Variant:
 def _check_playable(
     agent: AgentSpec,
     instance: PackInstance,
-    rule: BudgetRule,
+    rule: BudgetKind,
     seats: int,
     real_time: RealTime | None,
 ) -> None:

@@ -20,7 +20,8 @@ from robotouille.episode.record import RandomReversal, no_reversal
 from robotouille_evaluation.agents.making import published_strategy
 from robotouille_evaluation.agents.proposal import ContextOverflow
 from robotouille_evaluation.models import Completion, ModelRequest
-from robotouille_evaluation.packs.pack import Experiment, Pack
+from robotouille_evaluation.packs.experiment import Experiment
+from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.packs.published_checkout import read_checkout
 from robotouille_evaluation.packs.published_layouts import generate_layout
 from robotouille_evaluation.runs.chance import PROBABILITIES, SingleReversal

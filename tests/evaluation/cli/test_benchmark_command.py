@@ -16,8 +16,8 @@ from robotouille_evaluation.cli.benchmark import benchmark
 from robotouille_evaluation.cli.models import ModelChoice
 from robotouille_evaluation.cli.planning import agent_spec
 from robotouille_evaluation.metrics import ResultRow
+from robotouille_evaluation.packs.experiment import Experiment
 from robotouille_evaluation.packs.own import build_own_pack
-from robotouille_evaluation.packs.pack import Experiment
 from robotouille_evaluation.packs.store import read_pack, write_pack
 from robotouille_evaluation.report.grouping import named
 from robotouille_evaluation.runs import RunFolder

@@ -10,10 +10,11 @@ from robotouille import World, load_task, task_names
 from robotouille.errors import RobotouilleError, UnknownNameError
 from robotouille.generation.generator import paper_tasks
 from robotouille.planning import replay
+from robotouille_evaluation.packs.budget import published_budget
 from robotouille_evaluation.packs.checking import check_pack
 from robotouille_evaluation.packs.own import build_own_pack as ours
 from robotouille_evaluation.packs.own import build_shift_pack
-from robotouille_evaluation.packs.pack import KnownPlan, published_budget
+from robotouille_evaluation.packs.pack import KnownPlan
 
 SANDWICH = "synchronous/01_cheese_sandwich"
 
