@@ -23,6 +23,13 @@ class Experiment:
     seeds: tuple[int, ...]
     settings: Mapping[str, Any]
 
+    def __post_init__(self) -> None:
+        # Files of packs may come from other people.
+        if len(self.optimal_steps) != len(self.tasks):
+            raise ValueError(
+                f"{self.id}: {len(self.tasks)} tasks, but {len(self.optimal_steps)} optimal_steps"
+            )
+
     @property
     def prompt_ids(self) -> tuple[str, ...]:
         """Ids of the prompts that the settings name."""

@@ -82,8 +82,11 @@ def read_pack(folder: Path, *, digest: str | None = None) -> Pack:
     try:
         values = {name: parse_json(text, str(folder / name)) for name, text in texts.items()}
         pack = _PACKS.validate_python(_raw(manifest, values))
-    except (ValidationError, LookupError, TypeError) as error:
-        _fail(folder, f"invalid pack: {str(error).splitlines()[0]}")
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        _fail(folder, f"invalid pack: {'.'.join(map(str, first['loc']))}: {first['msg']}")
+    except (LookupError, TypeError) as error:
+        _fail(folder, f"invalid pack: {error}")
     faults = [
         Fault(f"experiment {experiment.id}", fault)
         for experiment in pack.experiments

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -117,4 +118,16 @@ def test_invalid_manifest_is_an_error(folder: Path, change: dict[str, Any], word
 def test_manifest_that_is_not_an_object(folder: Path, text: str) -> None:
     (folder / "manifest.json").write_bytes(text.encode(errors="surrogateescape"))
     with pytest.raises(FileError):
+        read_pack(folder)
+
+
+def test_experiment_without_a_constant_for_each_task_is_an_error(folder: Path) -> None:
+    path, manifest = folder / "experiments.json", folder / "manifest.json"
+    changed = json.loads(path.read_text())
+    changed[0]["optimal_steps"].pop()
+    path.write_text(json.dumps(changed))
+    about = json.loads(manifest.read_text())
+    about["files"][path.name] = sha256(path.read_bytes()).hexdigest()
+    manifest.write_text(json.dumps(about))
+    with pytest.raises(FileError, match="2 tasks, but 1 optimal_steps"):
         read_pack(folder)
