@@ -26,7 +26,7 @@ from robotouille_evaluation.realtime import LatePolicy
 from robotouille_evaluation.runs import AgentSpec, EpisodeJob, JobOptions, RealTime, plan_jobs
 from robotouille_evaluation.runs.budgets import BudgetedInstances, with_budget
 from robotouille_evaluation.runs.chance import PROBABILITIES
-from robotouille_evaluation.runs.job_list import Variant, model_agent_name
+from robotouille_evaluation.runs.job_list import Variant, model_agent_name, sampling_words
 
 COMPUTED = {
     "planner": "follows a plan, and plans again when others are in its way",
@@ -185,7 +185,9 @@ def _experiment(pack: Pack, id_: str) -> Experiment:
     if found is None:
         raise _unknown_experiment(id_, pack)
     if found.agent == HUMAN:
-        raise _for_people(id_)
+        raise RobotouilleError(
+            f"{id_} is played by a person and not by a model; see `robotouille play`"
+        )
     return found
 
 
@@ -195,10 +197,10 @@ def _settings_line(
     """Return a line about the conditions of an experiment, after replaced settings."""
     tasks = {instance.task for instance in budgeted.instances}
     chance = PROBABILITIES.get(variant, 0)
-    degrees = choice.parameters.get("temperature", "the endpoint's")
+    sampling = sampling_words(choice.parameters) or "temperature of the endpoint"
     return (
-        f"{experiment.id}: {len(tasks)} of {len(experiment.tasks)} tasks, "
-        f"{len(budgeted.instances)} instances, temperature {degrees}, {budgeted.rule} budget, "
+        f"{experiment.id}: tasks {len(tasks)} of {len(experiment.tasks)}, "
+        f"instances {len(budgeted.instances)}, {sampling}, step budget {budgeted.rule}, "
         f"chance of a reversal {chance:g}"
     )
 
@@ -356,12 +358,6 @@ def _unknown_experiment(name: str, pack: Pack) -> UnknownNameError:
     if not same:
         return UnknownNameError(f"unknown experiment {name!r}{did_you_mean(name, known)}")
     return UnknownNameError(f"unknown experiment {name!r}; choose {', '.join(same)}")
-
-
-def _for_people(id_: str) -> RobotouilleError:
-    return RobotouilleError(
-        f"{id_} is played by a person and not by a model; see `robotouille play`"
-    )
 
 
 def agent_lines(experiments: Iterable[Experiment]) -> Iterator[tuple[str, str]]:

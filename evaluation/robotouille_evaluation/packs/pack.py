@@ -321,7 +321,8 @@ class Pack:
             if best is not None:
                 return own_budget(best.steps)
         missing = {"published": "constant", "own": "known plan", "shift": "shift"}[kind]
-        raise RobotouilleError(f"{instance.id}: no {missing}, so no {kind} budget")
+        prove = "; find plans with `robotouille pack prove`" if kind == "own" else ""
+        raise RobotouilleError(f"{instance.id}: no {missing}, so no {kind} budget{prove}")
 
     @cached_property
     def _domain(self) -> DomainFile:

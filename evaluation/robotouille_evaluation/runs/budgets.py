@@ -34,9 +34,10 @@ class BudgetedInstances:
             return ""
         tasks = list(dict.fromkeys(each.task for each in self.left_out))
         more = f" and {len(tasks) - MAX_NAMED} more" if len(tasks) > MAX_NAMED else ""
+        number = len(self.left_out)
         return (
-            f"left out {len(self.left_out)} instances without a {LACKED[self.rule]}: "
-            f"{', '.join(tasks[:MAX_NAMED])}{more}"
+            f"{number} of {number + len(self.instances)} instances have no {LACKED[self.rule]} "
+            f"and are left out: {', '.join(tasks[:MAX_NAMED])}{more}"
         )
 
 

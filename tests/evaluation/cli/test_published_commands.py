@@ -92,7 +92,7 @@ def test_instances_without_a_constant_are_left_out(tmp_path: Path, toast: Path) 
     words = ("run", tmp_path / "run", "--pack", toast, "--budget", "published", *RANDOM)
     result = called("benchmark", *words)
     assert result.exit_code == 0, result.output
-    line = "left out 2 instances without a published constant: synchronous/0.1_toast\n"
+    line = "2 of 4 instances have no published constant and are left out: synchronous/0.1_toast\n"
     assert line in result.stderr
     assert {row.task for row in RunFolder(tmp_path / "run").rows()} == {"synchronous/0_toast"}
     none_left = called(
@@ -110,7 +110,7 @@ def test_inspect_leaves_out_instances_without_a_constant(
 
     found = samples(read_pack(toast), "synchronous", TaskOptions(budget="published"))
     assert [each.id for each in found] == ["synchronous/0_toast_42", "synchronous/0_toast_84"]
-    assert "left out 2 instances" in capsys.readouterr().err
+    assert "2 of 4 instances have no published constant" in capsys.readouterr().err
 
 
 def test_run_has_one_kind_of_budget(tmp_path: Path, toast: Path) -> None:
@@ -123,7 +123,9 @@ def test_run_has_one_kind_of_budget(tmp_path: Path, toast: Path) -> None:
     assert "--budget published" in refused.stderr and "pack prove" in refused.stderr
     own = called("benchmark", "run", tmp_path / "own", *words, "--budget", "own")
     assert own.exit_code == 0, own.output
-    assert "left out 1 instances without a known plan: synchronous/0_toast\n" in own.stderr
+    assert (
+        "1 of 2 instances have no known plan and are left out: synchronous/0_toast\n" in own.stderr
+    )
     assert [row.budget.rule for row in RunFolder(tmp_path / "own").rows()] == ["own"]
 
 
@@ -148,7 +150,7 @@ def test_experiment_sets_all_conditions(tmp_path: Path, by_chance: Path) -> None
     result = called("benchmark", *words)
     assert result.exit_code == 0, result.output
     line = (
-        f"{EXPERIMENT}: 1 of 2 tasks, 1 instances, temperature 0.7, published budget, "
+        f"{EXPERIMENT}: tasks 1 of 2, instances 1, temperature 0.7, step budget published, "
         "chance of a reversal 0.1\n"
     )
     assert line in result.stderr
@@ -181,7 +183,7 @@ def test_options_replace_settings_of_an_experiment(tmp_path: Path, by_chance: Pa
     agents = ("--agents", f"{EXPERIMENT},random", "--processes", "1")
     result = called("benchmark", *words, *changes, *agents)
     assert result.exit_code == 0, result.output
-    assert "temperature 0.0, published budget, chance of a reversal 0\n" in result.stderr
+    assert "temperature 0, step budget published, chance of a reversal 0\n" in result.stderr
     rows = sorted(RunFolder(tmp_path / "run").rows(), key=lambda row: row.agent)
     assert [row.agent for row in rows] == [f"{EXPERIMENT} (mock, temperature 0)", "random"]
     assert {(row.instance, row.variant) for row in rows} == {("synchronous/0_toast_84", "")}
