@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
@@ -192,28 +192,24 @@ OWN_STRATEGIES: Mapping[str, Callable[[Pack, str], Strategy]] = {
 }
 """Built-in strategies: `react-HISTORY`, with `-plan` if the prompt asks for a whole plan first."""
 
-
-def _history_words() -> Iterator[tuple[str, str]]:
-    kept = {
-        PromptHistory.FULL: "sends the whole conversation",
-        PromptHistory.NONE: "sends no history",
-        PromptHistory.LAST_ACTION: "sends the last action",
-        PromptHistory.LAST_REASONING_ACTION: "sends the last reasoning and action",
-        PromptHistory.LAST_OBSERVATION_REASONING_ACTION: "sends the last exchange",
-    }
-    for history, words in kept.items():
-        yield f"react-{history.value}", f"asks for one action at a time and {words}"
-        name = f"react-{history.value}-plan"
-        paper = " (the paper's ReAct)" if name == PAPER_REACT else ""
-        yield name, f"as above, and each answer contains the complete plan{paper}"
-
-
 PAPER_REACT = "react-last-reasoning-action-plan"
 
 STRATEGY_WORDS: Mapping[str, str] = {
     "io": "asks once for the whole plan",
     "io-cot": "as io, with the effect of each action",
-    **dict(_history_words()),
+    "react-full": "asks for one action at a time and sends the whole conversation",
+    "react-full-plan": "as react-full, and each answer contains the complete plan",
+    "react-none": "asks for one action at a time and sends no history",
+    "react-none-plan": "as react-none, and each answer contains the complete plan",
+    "react-last-action": "asks for one action at a time and sends the last action",
+    "react-last-action-plan": "as react-last-action, and each answer contains the complete plan",
+    "react-last-reasoning-action": "asks for one action at a time and sends the last reasoning and "
+    "action",
+    PAPER_REACT: "as react-last-reasoning-action, and each answer contains the complete plan "
+    "(the paper's ReAct)",
+    "react-last-obs-reasoning-action": "asks for one action at a time and sends the last exchange",
+    "react-last-obs-reasoning-action-plan": "as react-last-obs-reasoning-action, and each answer "
+    "contains the complete plan",
     "react-rules": "as react-last-reasoning-action, with the rules in the instructions",
     "react-repeated-rules": "as react-last-reasoning-action, with the rules below each observation",
     "react-talk": "as react-last-reasoning-action, with chat in teams",

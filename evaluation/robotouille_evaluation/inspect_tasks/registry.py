@@ -32,13 +32,12 @@ from robotouille.errors import FileError, RobotouilleError
 from robotouille.installation import VERSION
 from robotouille.replay.container import compress
 from robotouille.terminal import options_from
-from robotouille_evaluation.agents.making import make_strategy
+from robotouille_evaluation.agents.making import PAPER_REACT, make_strategy
 from robotouille_evaluation.inspect_tasks.samples import (
     METRICS,
     OUT,
     SHIFT_METRICS,
     STEPS_TO_GO_METRICS,
-    STRATEGY,
     ShiftTaskOptions,
     TaskOptions,
     TeamTaskOptions,
@@ -166,7 +165,7 @@ class MockModel(ModelAPI):
 @solver
 @of_distribution
 def play(
-    strategy: str = STRATEGY,
+    strategy: str = PAPER_REACT,
     pack: str = "",
     pictures: bool = True,
     steps_to_go: bool = False,

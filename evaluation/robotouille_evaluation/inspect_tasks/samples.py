@@ -15,6 +15,7 @@ from inspect_ai.solver import TaskState
 
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille.terminal import tell
+from robotouille_evaluation.agents.making import PAPER_REACT
 from robotouille_evaluation.metrics.outcomes import optimality_rate, score_share, succeeded
 from robotouille_evaluation.metrics.rows import ResultRow
 from robotouille_evaluation.packs.own import SHIFTS, build_own_pack, build_shift_pack
@@ -24,8 +25,6 @@ from robotouille_evaluation.runs.budgets import GoalBudget, with_budget
 from robotouille_evaluation.runs.job_list import AgentSpec, EpisodeJob, JobOptions, plan_jobs
 
 OUT = "runs/inspect"
-STRATEGY = "react-last-reasoning-action-plan"
-"""The paper's ReAct."""
 ROW = "robotouille_row"
 
 P = ParamSpec("P")
@@ -52,7 +51,7 @@ class TaskOptions:
     """
 
     pack: str = ""
-    strategy: str = STRATEGY
+    strategy: str = PAPER_REACT
     tasks: Words = ""
     kinds: Words = "free"
     budget: GoalBudget | None = None

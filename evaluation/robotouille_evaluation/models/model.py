@@ -41,11 +41,10 @@ class Usage:
 
     def __add__(self, other: Usage) -> Usage:
         """Return the sum, whose cost is unknown if one of the costs is."""
-        unknown = self.cost is None or other.cost is None
         return Usage(
             self.prompt_tokens + other.prompt_tokens,
             self.completion_tokens + other.completion_tokens,
-            None if unknown else (self.cost or 0) + (other.cost or 0),
+            None if self.cost is None or other.cost is None else self.cost + other.cost,
         )
 
 

@@ -23,6 +23,7 @@ from robotouille_evaluation.packs.published_configuration import require_inside
 
 NOTEBOOK = "figures.ipynb"
 REACT = "gpt-4o, ReAct"
+"""Player of the published results that reports show."""
 SUCCESSES, FAILURES = "successes", "failures"
 
 MAX_NOTEBOOK_BYTES = 32 * 1024 * 1024

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from statistics import fmean
 
 from robotouille_evaluation.packs.pack import FigureData
+from robotouille_evaluation.packs.published_figures import REACT
 from robotouille_evaluation.report import published
 from robotouille_evaluation.report.bins import (
     AWAY,
@@ -16,7 +17,6 @@ from robotouille_evaluation.report.bins import (
     steps_to_go_bin,
 )
 
-REACT = "gpt-4o, ReAct"
 Shares = Mapping[str, Mapping[str, float]]
 """Per cent by data set and bin or kind."""
 FailureKind = tuple[str, str]

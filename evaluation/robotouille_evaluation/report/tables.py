@@ -15,6 +15,7 @@ from robotouille_evaluation.metrics import outcomes
 from robotouille_evaluation.metrics.asynchrony import success_by_asynchronous_first
 from robotouille_evaluation.metrics.rows import EpisodeMeasures, ResultRow
 from robotouille_evaluation.metrics.statistics import mcnemar_test
+from robotouille_evaluation.packs.published_figures import REACT
 from robotouille_evaluation.report import published
 from robotouille_evaluation.report.bins import (
     AWAY,
@@ -32,7 +33,7 @@ from robotouille_evaluation.report.grouping import (
     task_number,
     tasks,
 )
-from robotouille_evaluation.report.reference import REACT, Reference
+from robotouille_evaluation.report.reference import Reference
 
 NONE = "–"
 WORDS = frozenset(

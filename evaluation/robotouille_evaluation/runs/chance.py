@@ -72,9 +72,9 @@ def reversal_of(job: EpisodeJob, pack: Pack, world: World) -> RandomReversal:
 def random_numbers(job: EpisodeJob, pack: Pack) -> random.Random:
     """Return the random numbers of a job's reversals.
 
-    The published evaluation seeds only the generator of layouts, shuffles the examples, and goes on
-    drawing. Only the first episode of a generated instance repeats that. Default layouts are
-    unseeded there, and a second episode would get the same numbers.
+    The published evaluation seeds only the generator of layouts, draws the order of the examples,
+    and goes on drawing. Only the first episode of a generated instance repeats that. Default
+    layouts are unseeded there, and a second episode would get the same numbers.
     """
     instance = pack.instance(job.instance)
     if not pack.experiments or instance.seed is None or job.seed != 0:
@@ -83,12 +83,12 @@ def random_numbers(job: EpisodeJob, pack: Pack) -> random.Random:
     noisy = instance.kind == "noisy"
     rng = generate_layout(problem, instance.seed, noisy=noisy, source=instance.task).rng()
     shown = range(_examples(job, pack))
-    rng.sample(shown, len(shown))
+    rng.sample(shown, len(shown))  # as published: `shuffle` would draw other numbers
     return rng
 
 
 def _examples(job: EpisodeJob, pack: Pack) -> int:
-    """Return the number of examples that the published evaluation shuffles.
+    """Return the number of examples whose order the published evaluation draws.
 
     Agents that are not experiments get the random numbers of an experiment with one example, as
     all published stochastic experiments have.
