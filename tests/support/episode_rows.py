@@ -16,7 +16,7 @@ from robotouille_evaluation.metrics import (
     ResultRow,
     TotalUsage,
 )
-from robotouille_evaluation.metrics.failures import CATEGORIES, Subcategory
+from robotouille_evaluation.metrics.failure_kinds import CATEGORIES, Subcategory
 from robotouille_evaluation.metrics.rows import FailureRow, ScoreRow
 
 __all__ = ["TASKS", "made_up_rows", "row", "shift_row"]

@@ -22,12 +22,17 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from enum import StrEnum
 
 from robotouille.world.grounding.objects import Atom
 from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille.world.world import State, World
 from robotouille_evaluation.metrics.asynchrony import work_stations
+from robotouille_evaluation.metrics.failure_kinds import CATEGORIES, TOGETHER, Subcategory
+from robotouille_evaluation.metrics.goal_requirements import (
+    GoalRequirements,
+    ingredients,
+    prepared_predicates,
+)
 from robotouille_evaluation.metrics.outcomes import success_within
 from robotouille_evaluation.metrics.rows import Category
 from robotouille_evaluation.metrics.trajectory import AnswerVerdict, StepAnswer, Trajectory
@@ -36,50 +41,6 @@ LAST_SHARE = 0.75
 """Answers and steps after this share of all count as the end of a run."""
 LOOP = 3
 """Number of equal steps, in equal states, that are a loop."""
-
-
-class Subcategory(StrEnum):
-    """Subject of the uncertainty, with the names of the paper's figure if it has one.
-
-    The paper has no rule about one player at a station, and assigns every failure to a category.
-    """
-
-    PREDICATES = "Misunderstands Predicates"
-    INVALID_ACTION = "Invalid Action"
-    ONE_ITEM = "Violates 'One item at station' rule"
-    ONE_IN_HAND = "Violates 'Hold one item' rule"
-    BOTH_RULES = "Violates both rules"
-    ONE_PLAYER = "Violates 'One player at station' rule"
-    OTHER_RULE = "Violates another rule"
-    BAD_START = "Bad Start"
-    INGREDIENT = "Ingredient Uncertainty"
-    ORDER = "Order Uncertainty"
-    BOTH_UNCERTAINTIES = "Both Uncertainties"
-    OUT_OF_STEPS = "Out of Steps"
-    NOT_PLAYED = "Broken Off"
-
-
-CATEGORIES = {
-    Subcategory.PREDICATES: Category.STATE,
-    Subcategory.INVALID_ACTION: Category.ACTION,
-    Subcategory.ONE_ITEM: Category.TRANSITION,
-    Subcategory.ONE_IN_HAND: Category.TRANSITION,
-    Subcategory.BOTH_RULES: Category.TRANSITION,
-    Subcategory.ONE_PLAYER: Category.TRANSITION,
-    Subcategory.OTHER_RULE: Category.TRANSITION,
-    Subcategory.BAD_START: Category.GOAL,
-    Subcategory.INGREDIENT: Category.GOAL,
-    Subcategory.ORDER: Category.GOAL,
-    Subcategory.BOTH_UNCERTAINTIES: Category.GOAL,
-    Subcategory.OUT_OF_STEPS: Category.OTHER,
-    Subcategory.NOT_PLAYED: Category.OTHER,
-}
-
-TOGETHER = {
-    Subcategory.BOTH_RULES: {Subcategory.ONE_ITEM, Subcategory.ONE_IN_HAND},
-    Subcategory.BOTH_UNCERTAINTIES: {Subcategory.INGREDIENT, Subcategory.ORDER},
-}
-"""Subcategories that stand for evidence of two others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -308,7 +269,7 @@ def _pairs(world: World, before: State, after: State) -> list[Atom]:
 def _false_beliefs(trajectory: Trajectory) -> Iterator[Evidence]:
     """Yield false claims in the reasoning that a thing is cooked, cut, fried and so on."""
     world = trajectory.world
-    words = {p.removeprefix("is"): p for p in _prepared(world)}
+    words = {p.removeprefix("is"): p for p in prepared_predicates(world)}
     if not words:
         return
     claim = re.compile(
@@ -336,26 +297,13 @@ def _false_beliefs(trajectory: Trajectory) -> Iterator[Evidence]:
 _CONDITIONAL = re.compile(r"\b(if|once|until|after|when|while|ensure|check|whether|must|should)\b")
 
 
-def _prepared(world: World) -> frozenset[str]:
-    """Return the lasting predicates that special effects add, such as `iscut`."""
-    found = set()
-    for schema in world.schemas:
-        stack = list(schema.definition.sfx)
-        while stack:
-            effect = stack.pop()
-            stack += effect.sfx
-            if effect.counts:
-                found |= {f.predicate for f in effect.fx if f.is_true and len(f.params) == 1}
-    return frozenset(found)
-
-
 # The goal: bad starts and contradictions
 
 
 def _bad_starts(trajectory: Trajectory) -> Iterator[Evidence]:
     """Yield each seat's first reasoning if it mentions the goal but not all ingredients."""
     world = trajectory.world
-    kinds = sorted(_ingredients(world))
+    kinds = sorted(ingredients(world))
     seen: set[str] = set()
     for answer in trajectory.answers:
         if answer.seat in seen or not answer.reasoning:
@@ -368,18 +316,10 @@ def _bad_starts(trajectory: Trajectory) -> Iterator[Evidence]:
             yield Evidence(answer.step, answer.seat, Subcategory.BAD_START, words, lasting=True)
 
 
-def _ingredients(world: World) -> frozenset[str]:
-    """Return the kinds of existing items and containers that the goal names."""
-    domain = world.task.domain
-    places = {*domain.station_types, *domain.player_types}
-    there = {thing.kind for thing in world.placed if thing.type not in places}
-    return frozenset(k for t in world.goal.terms for k in t.args) & there
-
-
 def _against_the_goal(trajectory: Trajectory) -> Iterator[Evidence]:
     """Yield the steps that joined things in a way that contradicts the goal."""
     world, last = trajectory.world, trajectory.states[-1]
-    required, stations = _GoalRequirements(world), work_stations(world)
+    required, stations = GoalRequirements(world), work_stations(world)
     for step, (before, joint, after) in enumerate(trajectory.each_step()):
         for move in joint:
             if not move.applied or stations.intersection(move.action.arguments):
@@ -403,46 +343,3 @@ def _things_joined(world: World, before: State, after: State) -> list[Atom]:
         for atom in added
         if len(atom) == 3 and not any(world.thing(name).type in places for name in atom[1:])
     ]
-
-
-class _GoalRequirements:
-    """Requirements of a goal, by kinds of things."""
-
-    def __init__(self, world: World) -> None:
-        self._world = world
-        self._kinds = _ingredients(world)
-        prepared = _prepared(world)
-        kind_of = {identifier: v.kind for identifier, v in world.goal.variables.items()}
-        self._pairs: dict[str, set[tuple[str, ...]]] = {}
-        asked: dict[str, dict[int | str, set[str]]] = {}
-        for term in world.goal.terms:
-            if len(term.ids) == 2:
-                self._pairs.setdefault(term.predicate, set()).add(term.args)
-            for identifier in term.ids:
-                asked.setdefault(kind_of[identifier], {}).setdefault(identifier, set())
-            if len(term.ids) == 1 and term.predicate in prepared:
-                asked[kind_of[term.ids[0]]][term.ids[0]].add(term.predicate)
-        self._wanted = {
-            kind: set.intersection(*each.values()) for kind, each in asked.items() if each
-        }
-
-    def contradiction(self, atom: Atom, state: State) -> Subcategory | None:
-        """Return how a pair of joined things contradicts the goal, if it does.
-
-        A thing is unprepared if it lacks a predicate that all things of its kind need in the goal.
-        """
-        kinds = tuple(self._world.thing(name).kind for name in atom[1:])
-        first = kinds[0]
-        if first in {t.kind for t in self._world.placed} and first not in self._kinds:
-            return Subcategory.INGREDIENT
-        # The lower thing may lie unprepared on a table, where nothing was joined before.
-        if any(
-            not state.holds(predicate, name)
-            for kind, name in zip(kinds, atom[1:], strict=True)
-            for predicate in self._wanted.get(kind, ())
-        ):
-            return Subcategory.INGREDIENT
-        pairs = self._pairs.get(atom[0])
-        if pairs and kinds not in pairs and {k for pair in pairs for k in pair} >= set(kinds):
-            return Subcategory.ORDER
-        return None

@@ -8,7 +8,8 @@ import pytest
 
 from robotouille import World, load_task
 from robotouille_evaluation.metrics import Category, Trajectory, classify
-from robotouille_evaluation.metrics.failures import CATEGORIES, Subcategory, evidence
+from robotouille_evaluation.metrics.failure_kinds import CATEGORIES, Subcategory
+from robotouille_evaluation.metrics.failures import evidence
 from tests.evaluation.metrics.courses import SANDWICH, refused, solo, wandering
 from tests.world.kitchens import kitchen
 

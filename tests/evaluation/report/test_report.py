@@ -25,7 +25,7 @@ from robotouille_evaluation.metrics import (
     outcomes,
     write_rows,
 )
-from robotouille_evaluation.metrics.failures import CATEGORIES
+from robotouille_evaluation.metrics.failure_kinds import CATEGORIES
 from robotouille_evaluation.report import write, write_report
 from robotouille_evaluation.report.dependency_graph import dependency_graph
 from robotouille_evaluation.report.figures import all_figures
