@@ -21,8 +21,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from robotouille.domain.files import is_file, parse_json
 from robotouille.errors import Fault, FileError, did_you_mean
+from robotouille_evaluation.packs.experiment_settings import setting_faults
 from robotouille_evaluation.packs.pack import Pack, canonical_json, fields_of
-from robotouille_evaluation.packs.published_configuration import setting_faults
 
 FORMAT = "robotouille-pack/1"
 MANIFEST = "manifest.json"
