@@ -73,8 +73,9 @@ def random_numbers(job: EpisodeJob, pack: Pack) -> random.Random:
     """Return the random numbers of a job's reversals.
 
     The published evaluation seeds only the generator of layouts, draws the order of the examples,
-    and goes on drawing. Only the first episode of a generated instance repeats that. Default
-    layouts are unseeded there, and a second episode would get the same numbers.
+    and goes on drawing. All its stochastic experiments have one example. Only the first episode of
+    a generated instance repeats that. Default layouts are unseeded there, and a second episode
+    would get the same numbers.
     """
     instance = pack.instance(job.instance)
     if not pack.experiments or instance.seed is None or job.seed != 0:
@@ -82,21 +83,5 @@ def random_numbers(job: EpisodeJob, pack: Pack) -> random.Random:
     problem = json.loads(pack.task(instance.task).problem)
     noisy = instance.kind == "noisy"
     rng = generate_layout(problem, instance.seed, noisy=noisy, source=instance.task).rng()
-    shown = range(_examples(job, pack))
-    rng.sample(shown, len(shown))  # as published: `shuffle` would draw other numbers
+    rng.sample(["example"], 1)  # draws bits, though there is only one order
     return rng
-
-
-def _examples(job: EpisodeJob, pack: Pack) -> int:
-    """Return the number of examples whose order the published evaluation draws.
-
-    Agents that are not experiments get the random numbers of an experiment with one example, as
-    all published stochastic experiments have.
-    """
-    id_ = job.experiment or job.agent.strategy
-    experiment = next((each for each in pack.experiments if each.id == id_), None)
-    if experiment is None:
-        return 1
-    if not experiment.settings["llm"].get("num_examples"):
-        return 0
-    return sum(len(pack.example_set(name).episodes) for name in experiment.shown)

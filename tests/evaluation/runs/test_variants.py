@@ -27,7 +27,7 @@ from robotouille_evaluation.runs import (
     plan_jobs,
     play_job,
 )
-from robotouille_evaluation.runs.chance import reversal_of
+from robotouille_evaluation.runs.chance import random_numbers, reversal_of
 from robotouille_evaluation.runs.job_list import Variant
 from tests.support.published import CHECKOUT, NEEDED, conversations, read
 from tests.support.runs import agent, small_pack, started_run
@@ -145,6 +145,17 @@ def test_experiment_chooses_its_variant() -> None:
     assert [job.variant for job in planned] == ["", "stochastic"]
     assert {j.variant for j in plan_jobs(published, named, instances, JobOptions(budget="published",
                                     variant="stochastic"))} == {"stochastic"}  # fmt: skip
+
+
+@NEEDED
+def test_experiments_with_and_without_examples_meet_the_same_reversals() -> None:
+    pack = read_checkout(CHECKOUT, seeds=(42,)).pack
+    instances = pack.instances_of(["synchronous/0_cheese_sandwich"], ["free"])
+    ids = ("ReAct/ablations/original", "ReAct/synchronous/last-reasoning-action-mpc")
+    agents = [agent("model", strategy=id_).model_copy(update={"name": id_}) for id_ in ids]
+    options = JobOptions(budget="published", variant="stochastic")
+    jobs = plan_jobs(pack, [agent("random"), *agents], instances, options)
+    assert len({random_numbers(job, pack).random() for job in jobs}) == 1
 
 
 @NEEDED
