@@ -113,8 +113,8 @@ def tokens(rows: Iterable[ResultRow]) -> tuple[int, int]:
 
 
 def cost(rows: Iterable[ResultRow]) -> float | None:
-    """Return the cost of all calls; None if a price is unknown."""
-    costs = [row.usage.cost for row in rows]
+    """Return the cost of all calls; None if one is unknown, or if there are no calls."""
+    costs = [row.usage.cost for row in rows if row.counts.calls]
     known = [each for each in costs if each is not None]
     return sum(known) if known and len(known) == len(costs) else None
 

@@ -155,6 +155,7 @@ def test_tokens_cost_and_latency() -> None:
     assert cost_per_success(rows) == 0.75  # one success
     assert seconds_per_call(rows) == 2.0  # the median of 3, 1 and 2
     assert mean_steps(rows) == (8 + 12 + 12) / 3
-    assert cost([*rows, row()]) is None
+    assert cost([*rows, row()]) == 0.75, "a planner calls no model"
+    assert cost([*rows, row(counts=Counts(calls=1))]) is None, "one price is unknown"
     assert cost_per_success(rows[1:]) is None
     assert seconds_per_call([row()]) is None
