@@ -248,7 +248,7 @@ def plan_jobs(
                     control=control if agent.kind == "model" and count > 1 else "each",
                     experiment=options.experiment,
                 )
-                job.step_budget(pack)  # raises an error if there is none
+                job.step_budget(pack)  # raises an error without a budget
                 yield job
 
 
