@@ -292,26 +292,29 @@ def repeated_transitions(rows: Sequence[ResultRow], reference: Reference) -> Rep
     def draw(axes: Axes, group: list[ResultRow]) -> None:
         labels: list[str] = []
         values: list[list[float]] = []
-        colours: list[str] = []
+        faces: list[str] = []
+        edges: list[str] = []
         for dataset, episodes in datasets(group).items():
+            colour = _set_colour(dataset)
             for result, won in (("won", True), ("lost", False)):
                 found: list[float] = [row.repetitions for row in episodes if succeeded(row) == won]
                 if found:
                     labels.append(f"{_short_name(dataset)}\n{result}")
                     values.append(found)
-                    colours.append(_set_colour(dataset))
+                    faces.append(colour)
+                    edges.append(colour)
                 theirs = reference.repetitions.get((dataset, "successes" if won else "failures"))
                 if theirs:
-                    labels.append("paper")
+                    labels.append(f"paper\n{result}")
                     values.append(list(theirs))
-                    colours.append("none")
+                    faces.append("none")
+                    edges.append(colour)
         boxes = axes.boxplot(values, tick_labels=labels, patch_artist=True, widths=0.6,
                              medianprops={"color": INK, "linewidth": 1.6},
                              whiskerprops={"color": SOFT}, capprops={"color": SOFT},
                              flierprops={"markersize": 3, "markeredgecolor": SOFT})  # fmt: skip
-        for box, colour in zip(boxes["boxes"], colours, strict=True):
-            edge = SOFT if colour == "none" else colour
-            box.set(facecolor=colour, edgecolor=edge, alpha=0.75)
+        for box, face, edge in zip(boxes["boxes"], faces, edges, strict=True):
+            box.set(facecolor=face, edgecolor=edge, alpha=0.75)
         axes.tick_params(axis="x", labelsize=7.5, length=0)
         axes.set_ylim(-0.5, max(4, 1.05 * max(map(max, values))))
         axes.set_ylabel("repeated transitions")

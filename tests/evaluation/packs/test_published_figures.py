@@ -144,3 +144,5 @@ def test_figures_have_the_published_results(tmp_path: Path) -> None:
     changed = {name for name in plain if plain[name].svg != compared[name].svg}
     assert changed == {"optimality", "steps_to_go", "repeated_transitions", "failures"}
     assert "People decided about the published failures" in compared["failures"].caption
+    won = [each["repeated_transitions"].svg.count(">won<") for each in (plain, compared)]
+    assert won[0] < won[1], "published boxes name their result, too"
