@@ -279,7 +279,14 @@ class _Resolver:
         whole = REFERENCE.fullmatch(found)
         if whole:
             return self._looked_up(whole[1], references, level)
-        return REFERENCE.sub(lambda match: str(self._looked_up(match[1], references, level)), found)
+        return REFERENCE.sub(lambda match: self._inserted(match[1], references, level), found)
+
+    def _inserted(self, name: str, references: int, level: int) -> str:
+        """Return what replaces a reference within a text."""
+        # Python doubles the backslashes of texts in a list, so nested ones grow with each level.
+        text = str(self._looked_up(name, references, level))
+        self._spend(len(text))
+        return text
 
     def _looked_up(self, name: str, references: int, level: int) -> Any:
         if references >= MAX_REFERENCES:

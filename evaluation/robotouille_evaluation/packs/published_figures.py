@@ -71,7 +71,9 @@ def read_figures(root: Path) -> tuple[FigureData, ...]:
     found: dict[str, Any] = {}
     for cell in _cells(path):
         for match in ASSIGNMENT.finditer(cell):
-            found[match[1]] = _literal(path, match[1], cell[match.end() :])
+            # Each variable is read once: a text can look like thousands of assignments.
+            if match[1] not in found:
+                found[match[1]] = _literal(path, match[1], cell[match.end() :])
     return tuple(data for name, value in found.items() for data in _data(path, name, value))
 
 
@@ -149,6 +151,10 @@ def _data(path: Path, name: str, value: Any) -> Iterator[FigureData]:
             _fail(path, f"{name}: expected a name for each count")
         for each, count in zip(names, counts, strict=True):
             subcategory = str(each)[:80].removeprefix(f"[{letter}] ")
+            if not subcategory.isprintable():
+                _fail(
+                    path, f"{name}: the name {subcategory!a} has characters that are not printable"
+                )
             yield FigureData("failures", dataset, player, f"{category}: {subcategory}", (count,))
 
 

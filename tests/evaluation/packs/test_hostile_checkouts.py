@@ -70,6 +70,13 @@ def chain(times: int, length: int) -> str:
     return "\n".join([EXPERIMENT, *links, f"  a{length}: ha\n"])
 
 
+def escaped(levels: int) -> str:
+    """Return settings in which each level doubles the backslashes of the last one."""
+    links = [f"  a{n}: ['y${{llm.a{n - 1}}}']" for n in range(1, levels)]
+    first = "  a0: ['" + 1000 * "\\" + "']"
+    return "\n".join([EXPERIMENT, first, *links, f"  end: 'y${{llm.a{levels - 1}}}'\n"])
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -84,6 +91,7 @@ def chain(times: int, length: int) -> str:
         (EXPERIMENT + f"  huge: 0x{'f' * 9000}\n", "more than 64 bits"),
         (EXPERIMENT + f"  0x{'f' * 900}: 1\n", "more than 64 bits"),
         (chain(10, 15), "longer than 1,000,000 characters"),
+        (escaped(14), "longer than 1,000,000 characters"),
         (EXPERIMENT + "  a:\n    b: ${llm.a}\n", "refers to itself"),
         (EXPERIMENT.replace("[5, 9]", "[" + "'x', " * 999 + "]"), "…"),
     ],

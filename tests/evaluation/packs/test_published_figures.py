@@ -99,6 +99,21 @@ def test_files_that_are_not_such_a_notebook(tmp_path: Path, text: str) -> None:
     assert NOTEBOOK in imported.missing or NOTEBOOK in imported.faults[0]
 
 
+def test_text_that_looks_like_assignments_is_read_once(tmp_path: Path) -> None:
+    # Each of these lines begins inside a text, and a literal behind it would be read to the end.
+    lines = 1000 * "'''\nsynchronous_optimality = [ #'''\n"
+    cell = "synchronous_optimality = [\n" + lines + 15_000 * "'' " + "]"
+    with pytest.raises(FileError, match="expected a list of numbers"):
+        read_figures(written(tmp_path, cell))
+
+
+@pytest.mark.parametrize("name", ["\\ud800", "\\x1b]0;a\\x07"])
+def test_names_must_be_printable(tmp_path: Path, name: str) -> None:
+    cell = f"synchronous_piechart_data = {{'S': {{'values': [1], 'subcategories': ['{name}']}}}}"
+    with pytest.raises(FileError, match="not printable"):
+        read_figures(written(tmp_path, cell))
+
+
 def test_pack_keeps_published_results_and_its_digest(tmp_path: Path) -> None:
     without = read_checkout(write_checkout(tmp_path / "plain"), seeds=())
     assert NOTEBOOK in without.missing
