@@ -1,5 +1,6 @@
 // What covers the kitchen: the waiting room, pauses, a lost connection, the end.
 
+import { socketAddress } from "./connection.js";
 import { byId, element, setText } from "./dom.js";
 import { now } from "./game.js";
 import { seatMark, seatWords } from "./panel.js";
@@ -13,6 +14,8 @@ import { listed, text } from "./texts.js";
  */
 
 const STARS = 3;
+/** Names of this machine, where a person can start a bot. */
+const LOCAL = new Set(["localhost", "127.0.0.1", "[::1]"]);
 
 /** Chooses and draws the cover. It is built again only when its content changes. */
 export class Cover {
@@ -89,7 +92,12 @@ export class Cover {
     const share = button(text("copy"), () => this.answers.share());
     const others = game.seats.length > 1;
     if (others) made.append(element("p", { class: "faint" }, text("lobbyCode", { code: game.code })));
-    const touch = matchMedia("(hover: none)").matches;
+    const free = game.seats.some((seat) => !seat.name);
+    if (free && this.answers.mayRepeat && LOCAL.has(location.hostname)) {
+      const command = `robotouille-bot planner --episode ${game.code} --url ${socketAddress(location.href)}`;
+      made.append(element("p", { class: "faint" }, text("lobbyBot"), " ", element("code", {}, command)));
+    }
+    const touch = matchMedia("(pointer: coarse)").matches;
     if (game.me !== null) made.append(element("p", {}, text(touch ? "howTouch" : "howKeys")));
     const choose = game.me !== null &&
       button(text(ready ? "notReady" : "ready"), () => this.answers.ready(!ready), !ready);
@@ -152,6 +160,8 @@ export class Cover {
     } else if (mayRepeat && (game.me !== null || game.rematch)) {
       const words = text(game.rematch ? "joinRematch" : "rematch");
       buttons.append(button(words, () => this.answers.rematch(), true));
+    } else if (!mayRepeat) {
+      made.append(element("p", {}, text("mayClose")));
     }
     made.append(buttons);
     return made;
@@ -171,11 +181,11 @@ export function button(words, does, main = false) {
 /** Return what a game that has not started waits for. @param {Game} game */
 export function waiting(game) {
   if (game.startsAt !== null) return text("starting", { seconds: Math.max(0, Math.ceil(game.startsAt - now())) });
-  if (game.me !== null && game.seat && !game.seat.ready) return text("waitingReady");
-  const late = game.seats.filter((seat) => seat.name && (!seat.present || !seat.ready));
+  const late = game.seats.filter((seat) => seat.player !== game.me && seat.name && !(seat.present && seat.ready));
   const free = game.seats.filter((seat) => !seat.name).length;
   const more = free === 0 ? [] : [free === 1 ? text("oneMore") : text("more", { count: free })];
   const whom = [...late.map((seat) => seat.name), ...more];
+  if (!whom.length && game.seat && !game.seat.ready) return text("waitingReady");
   return text("waiting", { whom: whom.length ? listed(whom) : text("others") });
 }
 

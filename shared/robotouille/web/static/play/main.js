@@ -32,7 +32,7 @@ function decoded(part) {
 const consent = document.querySelector("meta[name=consent]")?.getAttribute("content") ?? "";
 
 function showForm(fault = "") {
-  const { code, watch } = invitation();
+  const { code, token, watch } = invitation();
   byId("game").hidden = true;
   byId("enter").hidden = false;
   const intro = code ? (watch ? "introWatch" : "introCode") : "intro";
@@ -46,7 +46,8 @@ function showForm(fault = "") {
   byId("consent-link").setAttribute("href", consent);
   byId("code-row").hidden = code !== "";
   if (code) inputById("code").value = code;
-  inputById("name").value ||= givenName || (recall("name") ?? "");
+  // A personal link may be opened on a computer that several participants use.
+  inputById("name").value ||= givenName || (token ? "" : (recall("name") ?? ""));
   inputById(code ? "name" : "code").focus();
 }
 

@@ -236,15 +236,20 @@ export class Session {
     this.show();
     this.ticket?.update();
     this.hands?.stepped();
+    this.progress();
+    tellParent("step", { step: game.step, points: game.state?.orders?.score });
+    this.status();
+  }
+
+  progress() {
+    const { game } = this;
     const { max_steps: limit = 0 } = game.clock;
     const steps = text("steps", { step: game.step, limit });
     const { orders } = game.state ?? {};
     const points = orders ? `${text("points", { points: orders.score })} · ` : "";
-    const left = game.stepSeconds && text("timeLeft", { time: clock((limit - game.step) * game.stepSeconds) });
-    setText(byId("progress"), points + (left || steps));
+    const seconds = game.outcome ? 0 : (limit - game.step) * (game.stepSeconds ?? 0);
+    setText(byId("progress"), points + (seconds ? text("timeLeft", { time: clock(seconds) }) : steps));
     byId("progress").title = steps;
-    tellParent("step", { step: game.step, points: orders?.score });
-    this.status();
   }
 
   roster() {
@@ -327,6 +332,7 @@ export class Session {
 
   ended() {
     this.show();
+    this.progress();
     this.hands?.stepped();
     this.status();
     const { outcome, episode, me } = this.game;

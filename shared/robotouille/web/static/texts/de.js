@@ -45,6 +45,8 @@ export default {
   endsDetail: "Das Spiel endet in {seconds} s.",
   lobby: "Warteraum",
   lobbyCode: "Andere kommen mit dem Code {code} dazu.",
+  lobbyBot: "Für einen Bot als Partner:",
+  mayClose: "Du kannst diese Seite schließen.",
   howKeys: "Geh mit den Pfeiltasten oder W A S D und arbeite mit E. Oder klick: auf eine andere Station, um hinzugehen, oder wo du stehst, um etwas zu nehmen, abzulegen oder zu bearbeiten.",
   howTouch: "Tippe auf eine Station, um hinzugehen. Tippe, wo du stehst, um etwas zu nehmen, abzulegen oder zu bearbeiten.",
   copy: "Link kopieren",

@@ -45,6 +45,8 @@ export default {
   endsDetail: "The game ends in {seconds} s.",
   lobby: "Waiting room",
   lobbyCode: "Others join with the code {code}.",
+  lobbyBot: "To play with a bot, run",
+  mayClose: "You can close this page.",
   howKeys: "Walk with the arrow keys or W A S D, and press E to work. Or click: at another station to walk there, where you stand to pick up, put down or work.",
   howTouch: "Tap a station to walk there. Tap where you stand to pick up, put down or work.",
   copy: "Copy the link",
