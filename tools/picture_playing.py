@@ -19,6 +19,7 @@ from robotouille import World, load_task
 from robotouille.episode import Phase
 from robotouille.episode.rules import Clock
 from robotouille.planning.plan import read_plan
+from robotouille.planning.policies.shift_policy import play_shift
 from robotouille.protocol.message_parts import EpisodeInfo, SeatInfo
 from robotouille.protocol.messages import Create
 from robotouille_client.bots.partners import prompt_partners
@@ -45,6 +46,14 @@ IMAGES = Path(__file__).parents[1] / "docs" / "images"
 SIZE = (1120, 630)
 COURSE = "up e left left down e right up e left e e e e e down e right e left e"
 """Keys that make the sandwich of training/01."""
+BEST = {"multi_agent/02_lettuce_tomato_burger@2": 61, "shifts/01_sandwich_bar@2": 314}
+STARS = {
+    "synchronous/01_cheese_sandwich": 3, "synchronous/02_lettuce_sandwich": 3,
+    "synchronous/03_lettuce_tomato_sandwich": 2, "asynchronous/01_cheese_chicken_sandwich": 3,
+    "multi_agent/01_lettuce_burger": 3, "multi_agent/02_lettuce_tomato_burger": 2,
+    "shifts/01_sandwich_bar": 3, "shifts/02_burger_stand": 1,
+}  # fmt: skip
+"""Best results and stars of the player in the pictures."""
 Script = Callable[[Display, Path], Iterator[str]]
 """Generator of keys that saves pictures of a display in a folder."""
 
@@ -60,10 +69,9 @@ class Playing:
         self._seconds = seconds
         folder = Path(tempfile.mkdtemp())
         self.display = Display(SIZE, headless=True)
-        best = {"multi_agent/02_lettuce_tomato_burger@2": 61}
         settings = Settings(
             preferences=Preferences(name="ada"), learned=True, task="multi_agent/01", seats=2,
-            best=best,
+            best=BEST, stars=STARS,
         )  # fmt: skip
         self.app = App(
             settings,
@@ -100,6 +108,13 @@ def menus(display: Display, out: Path) -> Iterator[str]:
     yield from ("", "down", "return")
     yield from pause(12)
     display.save(out / "menu.png")
+
+
+def levels(display: Display, out: Path) -> Iterator[str]:
+    """Draw the map of levels."""
+    yield from ("", "return")
+    yield from pause(150)
+    display.save(out / "levels.png")
 
 
 def tasks(display: Display, out: Path) -> Iterator[str]:
@@ -239,6 +254,23 @@ def cooking(
     pygame.image.save(surface, path)
 
 
+def shift(path: Path, task: str, steps: int) -> None:
+    """Draw a shift after some steps of a team of planners."""
+    world = World(load_task(task, timing="people"))
+    states = [world.initial]
+    play_shift(world, watch=states.append)
+    before, state = states[steps - 1 : steps + 1]
+    names = dict(zip(world.players, ("ada", "ben", "cleo", "dara"), strict=False))
+    seats = tuple(SeatView(player, name, actions=steps // 8) for player, name in names.items())
+    view = View(
+        world, state, before, steps, 600, "real time", 0.6, seats, world.players[0],
+        step_seconds=0.2,
+    )  # fmt: skip
+    surface = pygame.Surface(SIZE)
+    Painter().paint(surface, view)
+    pygame.image.save(surface, path)
+
+
 def moments(out: Path) -> None:
     """Draw events of a game and other renderings."""
     cooking(out / "kitchen.png", "multi_agent/10@3", 18)
@@ -260,6 +292,7 @@ def moments(out: Path) -> None:
     moment(out / "offline.png", offline=7.0)
     moment(out / "refusal.png", bubbles=(Bubble("robot1", "The board is not free."),))
     moment(out / "blocked.png", blocked=(("robot2", "stove1", "robot1"),))
+    shift(out / "shift.png", "shifts/03@3", 180)
     moment(out / "chalk.png", rendering="chalk")
     moment(out / "workshop.png", task="workshop/02")
 
@@ -276,6 +309,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     out.mkdir(parents=True, exist_ok=True)
     moments(out)
     asyncio.run(Playing(menus, out).app.run())
+    asyncio.run(Playing(levels, out).app.run())
     asyncio.run(Playing(tasks, out).app.run())
     asyncio.run(Playing(settings, out).app.run())
     playing = Playing(lobby, out)
