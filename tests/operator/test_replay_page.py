@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import gzip
 import json
+import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 
 from robotouille.replay.annotations import read_annotations
@@ -129,6 +132,22 @@ async def test_labels_of_a_codebook_are_saved_as_a_file(
     found = read_annotations(saved)
     assert [(each.label, each.first, each.last) for each in found.annotations] == [("help", 1, 1)]
     assert found.coder == "c1"
+
+
+async def test_aborted_requests_keep_no_place(
+    browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stream: bytes
+) -> None:
+    (tmp_path / NAME).write_bytes(stream)
+    path = f"/api/recordings/{NAME}/replay"
+    async with viewing(tmp_path) as (_, _, api):
+        with monkeypatch.context() as patch:
+            patch.setattr(
+                replay_pages, "COMMAND", (sys.executable, "-c", "import time; time.sleep(600)")
+            )
+            for _ in range(replay_pages.AT_ONCE + replay_pages.MAX_WAITING + 2):
+                with pytest.raises(httpx.ReadTimeout):
+                    await api.http.get(path, timeout=0.2)
+        assert (await api.http.get(path)).status_code == HTTPStatus.OK
 
 
 async def test_recordings_that_cannot_be_shown_are_explained(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hmac
 from dataclasses import replace
 from pathlib import Path
 
@@ -102,6 +104,14 @@ def test_link_for_a_spectator_grants_no_seat() -> None:
     assert (grant.role, grant.subject, grant.seat) == (Role.SPECTATOR, "p-1", "")
     with pytest.raises(ValueError, match="a spectator has no seat"):
         tokens.mint_link("p-1", seconds=60, code=CODE, seat="robot1", watch=True)
+
+
+def test_spectator_link_is_signed_for_watching_only() -> None:
+    link = pack_link(Link(CODE, "", "p-1", 1.9e9, watch=True), KEY)
+    signed = base64.urlsafe_b64decode(link.partition(".")[2] + "==")
+    # A server without links for spectators checks this signature, and would grant any seat.
+    of_player = b"robotouille/link\0" + CODE.replace("-", "").encode() + b"\0" + signed[:-12]
+    assert hmac.digest(KEY.secret, of_player, "sha256")[:12] != signed[-12:]
 
 
 def test_link_expires_at_a_whole_hour_and_can_be_revoked() -> None:

@@ -7,7 +7,8 @@ accepts it:
     byte 0      length of the seat (bits 0 to 4), form of the subject (5, 6), one session only (7)
     bytes 1-3   end of validity, in hours since 1970
     then        the seat, the subject
-    last 12     first bytes of HMAC-SHA256 over `robotouille/link`, the code and all bytes before
+    last 12     first bytes of HMAC-SHA256 over `robotouille/link` (for a spectator
+                `robotouille/watch`), the code and all bytes before
 
 96 bits of a signature are enough: a guess needs a connection.
 """
@@ -27,7 +28,7 @@ from robotouille_server.auth.keys import Key
 from robotouille_server.runtime.workers import plain_code
 
 _LINK = re.compile(r"([A-Z-]{6,20})\.([A-Za-z0-9_-]{22,148})", re.ASCII | re.IGNORECASE)
-_PURPOSE = b"robotouille/link\0"
+_PURPOSE, _WATCHING = b"robotouille/link\0", b"robotouille/watch\0"
 _SIGNATURE = 12
 _HOUR = 3600
 MAX_SEAT, MAX_SUBJECT = 31, 64
@@ -108,10 +109,10 @@ def _read(code: str, content: bytes) -> Link:
     return Link(
         code=code,
         seat=seat.decode(),
-        subject=_read_subject(content[0] >> 5 & 3, subject),
+        subject=_read_subject(_form(content), subject),
         expires=float(int.from_bytes(content[1:4], "big") * _HOUR),
         once=bool(content[0] >> 7),
-        watch=content[0] >> 5 & 3 == _SPECTATOR,
+        watch=_form(content) == _SPECTATOR,
     )
 
 
@@ -139,4 +140,10 @@ def _signature(code: str, content: bytes, key: Key) -> bytes:
 
 
 def _signed_part(code: str, content: bytes) -> bytes:
-    return _PURPOSE + plain_code(code).encode() + b"\0" + content
+    # A server that does not know links for spectators would take them for those of players.
+    purpose = _WATCHING if _form(content) == _SPECTATOR else _PURPOSE
+    return purpose + plain_code(code).encode() + b"\0" + content
+
+
+def _form(content: bytes) -> int:
+    return content[0] >> 5 & 3

@@ -20,7 +20,7 @@ from robotouille.web.site import STATIC, module_text
 from robotouille_server.operator.event_streams import EventStreams
 from robotouille_server.operator.forwarding import NodeRequest
 from robotouille_server.operator.guard import POLICY, SAFE
-from robotouille_server.operator.load import ROWS_A_TURN, RequestRates
+from robotouille_server.operator.load import ROWS_A_TURN, RequestRates, unless_gone
 from robotouille_server.operator.models import (
     AnnounceRequest,
     Done,
@@ -303,8 +303,9 @@ async def recording(service: TheService, name: str) -> Response:
     response_class=Response,
     responses=FILE,
 )
-async def replay(service: TheService, name: str) -> Response:
-    return Response(await service.recordings.replay(name), media_type="application/gzip")
+async def replay(request: Request, service: TheService, name: str) -> Response:
+    data = await unless_gone(request, service.recordings.replay(name))
+    return Response(data, media_type="application/gzip")
 
 
 @router.get(

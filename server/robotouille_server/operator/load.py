@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from collections import OrderedDict
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
 from functools import partial
 from http import HTTPStatus
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
+
+from starlette.requests import Request
 
 from robotouille_server.operator.principal import RequestRefusedError
 from robotouille_server.runtime.budgets import TokenBucket
@@ -68,6 +70,32 @@ class HeavyJobs:
         self._unfinished.discard(task)
         if not task.cancelled():
             task.exception()  # Otherwise asyncio warns if the client has gone.
+
+
+async def unless_gone(request: Request, work: Coroutine[Any, Any, T]) -> T:
+    """Do work and return its result; cancel it if the client disconnects.
+
+    The web server does not cancel requests by itself.
+
+    Raises:
+        RequestRefusedError: The client has disconnected.
+    """
+    working, gone = asyncio.create_task(work), asyncio.create_task(_disconnected(request))
+    try:
+        await asyncio.wait((working, gone), return_when=asyncio.FIRST_COMPLETED)
+        if not working.done():
+            status = HTTPStatus.SERVICE_UNAVAILABLE
+            raise RequestRefusedError(status, "operator/busy", "the client has gone", BUSY_SECONDS)
+        return working.result()
+    finally:
+        working.cancel()
+        gone.cancel()
+        await asyncio.gather(working, gone, return_exceptions=True)
+
+
+async def _disconnected(request: Request) -> None:
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
 
 
 class Turns:

@@ -69,7 +69,7 @@ class ReplayPages:
         except TimeoutError:
             raise _unshown(f"{name} takes more than {SECONDS:g} s") from None
         finally:
-            # The client may have gone, or the server may stop.
+            # The request may be cancelled: the client has gone, or the server stops.
             with suppress(ProcessLookupError):
                 process.kill()
         if process.returncode:
