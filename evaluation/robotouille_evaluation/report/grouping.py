@@ -101,6 +101,11 @@ def part_played(dataset: str, rows: Iterable[ResultRow]) -> str:
     return f"{number} of {whole} tasks" if number < whole else ""
 
 
+def is_ablation(row: ResultRow) -> bool:
+    """Return True if the row is from one of the published ablations of ReAct."""
+    return row.strategy.startswith("ReAct/ablations/")
+
+
 def score_interval(rows: Iterable[ResultRow]) -> Interval | None:
     """Return the mean share of the planner's points in shifts, with its bootstrap interval."""
     return interval(rows, score_share, binary=False)

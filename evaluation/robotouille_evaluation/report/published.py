@@ -108,7 +108,8 @@ ABLATIONS = (
     PublishedAblation("last-obs-reasoning-action", 2, 26.77, 3.02),
     PublishedAblation("last-obs-reasoning-action-mpc", 3, 23.88, 2.93),
 )
-ABLATION_TASKS = 9
+ABLATION_DATASET, ABLATION_TASKS, ABLATION_EPISODES = "synchronous", 3, 9
+"""The published configurations `ReAct/ablations` have three tasks and three seeds."""
 
 STOCHASTIC = {2: (80.0, 10.0), 3: (80.0, 20.0), 7: (50.0, 0.0), 8: (30.0, 10.0), 9: (20.0, 10.0),
               10: (20.0, 0.0)}  # fmt: skip

@@ -27,6 +27,7 @@ from robotouille_evaluation.report.grouping import (
     by,
     datasets,
     interval,
+    is_ablation,
     named,
     part_played,
     score_interval,
@@ -415,13 +416,14 @@ def real_time(rows: Sequence[ResultRow]) -> Table:
 
 
 def ablations(rows: Sequence[ResultRow]) -> Table:
-    """Return successes, steps and cost by player (paper, table "ablation1")."""
+    """Return successes, steps and cost by player and data set (paper, table "ablation1")."""
     lines = []
-    for name, group in named(rows).items():
+    for name, dataset, group in _by_player_and_set(rows):
         goals = outcomes.with_goal(group)
         prompt, completion = outcomes.tokens(group)
         calls = sum(row.counts.calls for row in group)
         cells = (
+            f"{len(tasks(group))}",
             f"{sum(map(outcomes.succeeded, goals))}/{len(goals)}" if goals else NONE,
             _number(outcomes.mean_steps(group), ".2f"),
             f"{calls:,}",
@@ -431,15 +433,24 @@ def ablations(rows: Sequence[ResultRow]) -> Table:
             _number(outcomes.cost_per_success(group), ".2f"),
             _number(outcomes.seconds_per_call(group)),
         )
-        lines.append(TableRow((name, *cells)))
-    for each in published.ABLATIONS if outcomes.with_goal(rows) else ():
-        solved = f"{each.solved}/{published.ABLATION_TASKS}"
-        costs = (_number(each.cost, ".2f"), _number(each.cost / each.solved, ".2f"))
-        lines.append(_reference(f"gpt-4o, {each.name}", solved, _number(each.steps, ".2f"),
-                                NONE, NONE, NONE, *costs, NONE))  # fmt: skip
-    columns = ("player", "solved", "mean steps", "calls", "prompt tokens", "completion tokens",
-               "cost ($)", "$ per success", "s per call")  # fmt: skip
+        lines.append(TableRow((name, dataset, *cells)))
+    if any(is_ablation(row) and row.dataset == published.ABLATION_DATASET for row in rows):
+        lines += map(_published_ablation, published.ABLATIONS)
+    columns = ("player", "data set", "tasks", "solved", "mean steps", "calls", "prompt tokens",
+               "completion tokens", "cost ($)", "$ per success", "s per call")  # fmt: skip
     return _table("ablations", "Steps, tokens and cost", columns, lines)
+
+
+def _published_ablation(each: published.PublishedAblation) -> TableRow:
+    cells = (
+        f"gpt-4o, {each.name}",
+        published.ABLATION_DATASET,
+        f"{published.ABLATION_TASKS}",
+        f"{each.solved}/{published.ABLATION_EPISODES}",
+        _number(each.steps, ".2f"),
+    )
+    costs = (_number(each.cost, ".2f"), _number(each.cost / each.solved, ".2f"))
+    return _reference(*cells, NONE, NONE, NONE, *costs, NONE)
 
 
 def variants(rows: Sequence[ResultRow]) -> Table:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from robotouille.html_report.page import Table, TableRow
+from robotouille.html_report.page import Cell, Table, TableRow
 from robotouille_evaluation.metrics import (
     BudgetRow,
     EpisodeMeasures,
@@ -21,6 +21,7 @@ from robotouille_evaluation.metrics.rows import RealTimeRow
 from robotouille_evaluation.report import published
 from robotouille_evaluation.report.grouping import datasets, named, task_number, tasks
 from robotouille_evaluation.report.tables import (
+    ablations,
     all_tables,
     bin_of_steps_to_go,
     comparisons,
@@ -67,7 +68,8 @@ def test_shifts_are_not_counted_as_failures() -> None:
     assert names == {"scores", "scores_by_task", "behaviour", "ablations"}
     with_goals = {table.name: table for table in all_tables([shift_row(50), row()])}
     assert with_goals["success"].columns == ("player", "synchronous", "episodes")
-    assert with_goals["ablations"].rows[0].cells[1] == "1/1"
+    costs = [line.cells[1:4] for line in with_goals["ablations"].rows]
+    assert costs == [("synchronous", "1", "1/1"), ("shifts", "1", "–")]
     assert success_rate([shift_row(50), row()]) == 1
     assert score_share(row()) is None
     assert score_share(shift_row(50, planner=0)) is None
@@ -93,6 +95,18 @@ def test_success_by_task_has_published_columns() -> None:
     (table,) = success_by_task([row(task="synchronous/03_lettuce_tomato_sandwich")])
     assert table.columns[:3] == ("task", "optimum", "planner")
     assert table.rows[0].cells[-3:] == ("10 %", "30 %", "80 %")
+
+
+def test_published_ablations_are_next_to_ablations_only() -> None:
+    def theirs(**fields: str) -> list[tuple[str | Cell, ...]]:
+        return [line.cells for line in ablations([row(**fields)]).rows if line.reference]
+
+    strategy = "ReAct/ablations/no-history"
+    known = theirs(strategy=strategy)
+    assert known[0][:5] == ("gpt-4o, no-history", "synchronous", "3", "1/9", "29.11")
+    assert not theirs()
+    assert not theirs(strategy="ReAct/synchronous/last-reasoning-action-mpc")
+    assert not theirs(strategy=strategy, dataset="asynchronous")
 
 
 def test_different_settings_are_separate_players() -> None:
