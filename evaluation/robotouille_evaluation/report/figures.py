@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
@@ -31,6 +32,7 @@ from robotouille_evaluation.report.grouping import (
     RowGroups,
     datasets,
     interval,
+    may_be_react,
     named,
     part_played,
 )
@@ -52,6 +54,9 @@ CATEGORY_COLOURS = {
     "goal": COLOURS[2],
     "other": SOFT,
 }
+LABEL_CHARACTERS = 45
+"""Characters that fit in a line below a histogram."""
+LINES_CAPTION = " Lines across a bar are the published numbers of gpt-4o with ReAct."
 SHORT_NAMES = {"synchronous": "sync", "asynchronous": "async", "multi_agent": "team"}
 
 
@@ -229,11 +234,10 @@ def optimality_histogram(rows: Sequence[ResultRow], reference: Reference) -> Rep
         axes.set_xlabel("steps / fewest steps")
         axes.set_ylabel("% of successes")
 
-    caption = (
-        "Optimality rates of successes by data set. Lines across a bar are the published numbers "
-        "of gpt-4o with ReAct, where the paper has them."
-    )
     groups = _chosen(rows, lambda row: _optimality_bin(row) is not None)
+    caption = "Optimality rates of successes by data set."
+    if _has_reference(groups, reference.optimality):
+        caption += LINES_CAPTION
     return _panels("optimality", caption, groups, draw)
 
 
@@ -248,13 +252,19 @@ def steps_to_go_histogram(rows: Sequence[ResultRow], reference: Reference) -> Re
         axes.set_xlabel("steps to go / fewest steps")
         axes.set_ylabel("% of failures")
 
+    groups = _chosen(rows, lambda row: not succeeded(row) and bin_of(row) is not None)
     caption = (
         "Distance of failures from the goal. Below 0.5 is progress, 0.5 to 1 is little or none, "
-        "more is farther away than at the start. A bin contains its lower bound. Lines across a "
-        "bar are published numbers."
+        "more is farther away than at the start. A bin contains its lower bound."
     )
-    groups = _chosen(rows, lambda row: not succeeded(row) and bin_of(row) is not None)
+    if _has_reference(groups, reference.steps_to_go):
+        caption += LINES_CAPTION
     return _panels("steps_to_go", caption, groups, draw)
+
+
+def _has_reference(groups: RowGroups, theirs: Mapping[str, object]) -> bool:
+    """Return True if published numbers of ReAct stand next to results of a group."""
+    return any(row.dataset in theirs and may_be_react(row) for g in groups.values() for row in g)
 
 
 def _histogram(
@@ -276,10 +286,12 @@ def _histogram(
         axes.bar(places, shares, width * 0.9, color=_set_colour(dataset), label=label)
         for place, name in zip(places, names, strict=True):
             value = theirs.get(dataset, {}).get(name)
-            if value is not None:
+            if value is not None and may_be_react(episodes[0]):
                 ends = [place - width / 2, place + width / 2]
                 axes.plot(ends, [value, value], color=INK, linewidth=1.6)
-    axes.set_xticks(range(len(names)), [name.replace("more than", ">") for name in names])
+    width_of_label = LABEL_CHARACTERS // len(names)
+    labels = [textwrap.fill(name.replace("more than", ">"), width_of_label) for name in names]
+    axes.set_xticks(range(len(names)), labels)
     axes.tick_params(axis="x", labelsize=8, length=0)
     axes.set_ylim(0, 140)  # Room for the legend above the bars.
     axes.set_yticks([0, 25, 50, 75, 100])
@@ -304,7 +316,7 @@ def repeated_transitions(rows: Sequence[ResultRow], reference: Reference) -> Rep
                     faces.append(colour)
                     edges.append(colour)
                 theirs = reference.repetitions.get((dataset, "successes" if won else "failures"))
-                if theirs:
+                if theirs and may_be_react(episodes[0]):
                     labels.append(f"paper\n{result}")
                     values.append(list(theirs))
                     faces.append("none")
@@ -319,12 +331,14 @@ def repeated_transitions(rows: Sequence[ResultRow], reference: Reference) -> Rep
         axes.set_ylim(-0.5, max(4, 1.05 * max(map(max, values))))
         axes.set_ylabel("repeated transitions")
 
+    groups = named(rows)
     caption = (
         "Steps that repeat an earlier step of the episode. Boxes span the quartiles, with a line "
         "at the median. Whiskers extend to 1.5 times the height of the box."
-        + (" Hollow boxes are the published results." if reference.repetitions else "")
     )
-    return _panels("repeated_transitions", caption, named(rows), draw)
+    if _has_reference(groups, {dataset: None for dataset, _ in reference.repetitions}):
+        caption += " Hollow boxes are the published results of gpt-4o with ReAct."
+    return _panels("repeated_transitions", caption, groups, draw)
 
 
 def _short_name(dataset: str) -> str:

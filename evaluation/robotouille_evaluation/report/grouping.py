@@ -11,6 +11,9 @@ from robotouille_evaluation.metrics.rows import ResultRow
 from robotouille_evaluation.metrics.statistics import bootstrap
 from robotouille_evaluation.report import published
 
+OTHER_AGENTS = frozenset({"io", "plag", "reflexion", "planner", "random", "scripted"})
+"""First words of built-in agents and published experiments other than ReAct, in lower case."""
+
 RowGroups = dict[str, list[ResultRow]]
 
 DATASETS = ("synchronous", "asynchronous", "multi_agent")
@@ -99,6 +102,12 @@ def part_played(dataset: str, rows: Iterable[ResultRow]) -> str:
     number = len({row.task for row in rows})
     whole = max(map(len, known.values()))
     return f"{number} of {whole} tasks" if number < whole else ""
+
+
+def may_be_react(row: ResultRow) -> bool:
+    """Return False if the agent is known to use another strategy than ReAct."""
+    name = row.strategy or row.agent
+    return re.split(r"[-/ ]", name)[0].lower() not in OTHER_AGENTS
 
 
 def is_ablation(row: ResultRow) -> bool:

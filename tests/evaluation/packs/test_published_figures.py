@@ -14,7 +14,7 @@ from robotouille_evaluation.packs.published_figures import NOTEBOOK, read_figure
 from robotouille_evaluation.packs.store import read_pack, write_pack
 from robotouille_evaluation.report import published
 from robotouille_evaluation.report.figures import all_figures
-from robotouille_evaluation.report.reference import reference_of
+from robotouille_evaluation.report.reference import Reference, reference_of
 from robotouille_evaluation.report.tables import all_tables
 from tests.support.checkouts import write_checkout
 from tests.support.episode_rows import made_up_rows, row
@@ -161,3 +161,18 @@ def test_figures_have_the_published_results(tmp_path: Path) -> None:
     assert "People decided about the published failures" in compared["failures"].caption
     won = [each["repeated_transitions"].svg.count(">won<") for each in (plain, compared)]
     assert won[0] < won[1], "published boxes name their result, too"
+
+
+@pytest.mark.slow
+def test_published_numbers_of_react_are_next_to_react_only(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    reference = reference_of(read_figures(written(tmp_path, CELL)))
+    failed = [each for each in made_up_rows(4) if each.agent == "random"]
+    for name, theirs in (("ReAct/synchronous/mine", True), ("IO/synchronous/io", False)):
+        rows = [each.model_copy(update={"strategy": name}) for each in failed]
+        plain, compared = ({f.name: f for f in all_figures(rows, r)}
+                           for r in (Reference(steps_to_go={}), reference))  # fmt: skip
+        for figure in ("steps_to_go", "repeated_transitions"):
+            drawn = plain[figure].svg != compared[figure].svg
+            named = "gpt-4o with ReAct" in compared[figure].caption
+            assert drawn == named == theirs, (figure, name)

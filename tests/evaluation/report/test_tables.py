@@ -19,7 +19,7 @@ from robotouille_evaluation.metrics import (
 )
 from robotouille_evaluation.metrics.rows import RealTimeRow
 from robotouille_evaluation.report import published
-from robotouille_evaluation.report.grouping import datasets, named, task_number, tasks
+from robotouille_evaluation.report.grouping import datasets, may_be_react, named, task_number, tasks
 from robotouille_evaluation.report.tables import (
     ablations,
     all_tables,
@@ -95,6 +95,16 @@ def test_success_by_task_has_published_columns() -> None:
     (table,) = success_by_task([row(task="synchronous/03_lettuce_tomato_sandwich")])
     assert table.columns[:3] == ("task", "optimum", "planner")
     assert table.rows[0].cells[-3:] == ("10 %", "30 %", "80 %")
+
+
+@pytest.mark.parametrize(
+    ("agent", "strategy", "known"),
+    [("react-none (m)", "react-none", True), ("ReAct/x (m)", "ReAct/x", True),
+     ("mine:Numbered", "", True), ("planner", "", False), ("IO-CoT/x (m)", "IO-CoT/x", False),
+     ("PLaG-BaG/x (m)", "PLaG-BaG/x", False), ("io (m)", "", False)],
+)  # fmt: skip
+def test_agents_that_are_not_react(agent: str, strategy: str, known: bool) -> None:
+    assert may_be_react(row(agent=agent, strategy=strategy)) is known
 
 
 def test_published_ablations_are_next_to_ablations_only() -> None:
