@@ -168,14 +168,15 @@ def _bars(axes: Axes, bars: Sequence[PlayerBars], sets: Sequence[str]) -> None:
 def _bar(
     axes: Axes, place: float, found: Interval, colour: str, reference: bool, part: str
 ) -> None:
-    share = end = 100 * found.estimate
+    share = 100 * found.estimate
     face = "none" if reference else colour
     axes.barh(place, share, height=0.86, color=face, edgecolor=colour, linewidth=1)
     if found.low is not None and found.high is not None:
-        end = 100 * found.high
-        axes.plot([100 * found.low, end], [place, place], color=INK, linewidth=1)
+        ends = [100 * found.low, 100 * found.high]
+        axes.plot(ends, [place + 0.36] * 2, color=INK, linewidth=1)
     text = f"{share:.3g} ({part})" if part else f"{share:.3g}"
-    axes.text(end + 1, place, text, va="center", fontsize=8)
+    # The interval is at the lower edge of the bar, so the label fits between the two.
+    axes.text(share + 1, place - 0.06, text, va="center", fontsize=8)
 
 
 def _set_label(dataset: str) -> str:

@@ -73,10 +73,19 @@ def results_page(
 
 
 def _tables_hint(rows: Sequence[ResultRow]) -> str:
-    same = all(row.pack.name == PUBLISHED_PACK and row.kind == "free" for row in rows)
+    hint = f"Rows with a mark are published results for reference ({published.SOURCE})."
+    if not all(row.pack.name == PUBLISHED_PACK and row.kind == "free" for row in rows):
+        return f"{hint} They were measured on other instances."
+    counts = [
+        f"{len({row.instance for row in group})} {dataset}"
+        for dataset, group in datasets(rows).items()
+        if dataset in published.SUCCESS_BY_TASK
+    ]
+    if not counts:
+        return hint
     return (
-        "Rows with a mark are published results for reference, measured on "
-        f"{'these' if same else 'other'} instances ({published.SOURCE})."
+        f"{hint} Their success rates are from {published.SUCCESS_INSTANCES} instances of each data "
+        f"set. Instances of these in this report: {', '.join(counts)}."
     )
 
 
@@ -118,12 +127,15 @@ def _cards(rows: Sequence[ResultRow]) -> Iterator[tuple[str, str]]:
         best = max(shares, key=lambda name: shares[name])
         yield f"{100 * shares[best]:.3g} %", f"best score / planner, shifts: {best}"
     for dataset, episodes in datasets(outcomes.with_goal(rows)).items():
-        rate, best = max(
-            (outcomes.success_rate(group) or 0.0, name) for name, group in named(episodes).items()
-        )
+        rates = {
+            name: outcomes.success_rate(group) or 0.0 for name, group in named(episodes).items()
+        }
+        rate = max(rates.values())
+        best = [name for name, other in rates.items() if other == rate > 0]
         part = part_played(dataset, episodes)
         where = dataset.replace("_", "-") + (f" ({part})" if part else "")
-        yield f"{100 * rate:.3g} %", f"best success, {where}: {best}"
+        who = f": {_some(best, 1)}" if best else ""
+        yield f"{100 * rate:.3g} %", f"best success, {where}{who}"
     if total := sum(outcomes.tokens(rows)):
         yield f"{total / 1e6:,.3g} M" if total >= 1e6 else f"{total:,}", "tokens"
     if cost := outcomes.cost(rows):

@@ -40,6 +40,9 @@ SUCCESS = (
 )
 """Tables "successes" and "other-async-baselines" (totals)."""
 
+SUCCESS_INSTANCES = 100
+"""Instances of each data set: ten of each task."""
+
 SUCCESS_BY_TASK: dict[str, dict[str, tuple[float, ...]]] = {
     "synchronous": {
         "I/O": (20, 0, 10, 0, 0, 10, 0, 0, 0, 0),

@@ -80,9 +80,19 @@ def test_page_names_instances_and_few_tokens() -> None:
     usage = TotalUsage(prompt_tokens=38_000, completion_tokens=900)
     rows = [row(pack=theirs, kind="free", usage=usage)]
     text = results_page(rows, (), ())
-    assert "measured on these instances" in text
+    assert "100 instances of each data set. Instances of these in this report: 1 synch" in text
     assert "38,900" in text and "0.0389 M" not in text
     assert "measured on other instances" in results_page([row(kind="free")], (), ())
+
+
+def test_page_names_the_best_agents_if_any_succeeded() -> None:
+    lost = Result(success=False, steps=12, ended_by="step-limit")
+    failed = [row(agent=name, outcome=lost) for name in "abc"]
+    part = "best success, synchronous (1 of 10 tasks)"
+    assert f"{part}<" in results_page(failed, (), ())
+    assert f"{part}: d<" in results_page([*failed, row(agent="d")], (), ())
+    both = [*failed, row(agent="d"), row(agent="e")]
+    assert f"{part}: d and 1 more<" in results_page(both, (), ())
 
 
 @pytest.mark.slow
