@@ -68,10 +68,23 @@ def import_(
         _tell_pack(found.pack, folder)
         for name in found.missing:
             tell(printable(f"missing: {name}"), err=True)
+        _tell_missing_tasks(found.pack)
         for fault in found.faults:
             tell(printable(f"invalid: {fault}"), err=True)
     if found.faults:
         raise typer.Exit(1)
+
+
+def _tell_missing_tasks(found: Pack) -> None:
+    """Print how many tasks of experiments the checkout lacks, if any."""
+    named = {name for experiment in found.experiments for name in experiment.tasks}
+    missing = {name for each in found.experiments for name in found.missing_tasks(each)}
+    if missing:
+        tell(
+            f"The checkout lacks {len(missing)} of the {len(named)} tasks that its experiments "
+            'name. Runs play the others; see "Missing tasks" in docs/packs.md',
+            err=True,
+        )
 
 
 @pack.command()

@@ -150,7 +150,7 @@ def _jobs(
         names = names or (experiment.id,)
         if variant is None:
             variant = "stochastic" if experiment.stochastic else ""
-        tell(_settings_line(experiment, budgeted, choice, variant), err=True)
+        tell(_settings_line(pack, experiment, budgeted, choice, variant), err=True)
     else:
         _warn_of_other_tasks(pack, names, budgeted.instances)
     job_options = JobOptions(
@@ -192,14 +192,21 @@ def _experiment(pack: Pack, id_: str) -> Experiment:
 
 
 def _settings_line(
-    experiment: Experiment, budgeted: BudgetedInstances, choice: ModelChoice, variant: Variant
+    pack: Pack,
+    experiment: Experiment,
+    budgeted: BudgetedInstances,
+    choice: ModelChoice,
+    variant: Variant,
 ) -> str:
     """Return a line about the conditions of an experiment, after replaced settings."""
     tasks = {instance.task for instance in budgeted.instances}
     chance = PROBABILITIES.get(variant, 0)
     sampling = sampling_words(choice.parameters) or "temperature of the endpoint"
+    # `synchronous/1_lettuce_sandwich` becomes `synchronous/1`, as in `--tasks`.
+    missing = [name.partition("_")[0] for name in pack.missing_tasks(experiment)]
+    absent = f" (not in the pack: {', '.join(missing)})" if missing else ""
     return (
-        f"{experiment.id}: tasks {len(tasks)} of {len(experiment.tasks)}, "
+        f"{experiment.id}: tasks {len(tasks)} of {len(experiment.tasks)}{absent}, "
         f"instances {len(budgeted.instances)}, {sampling}, step budget {budgeted.rule}, "
         f"chance of a reversal {chance:g}"
     )

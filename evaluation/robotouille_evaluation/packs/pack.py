@@ -232,6 +232,10 @@ class Pack:
         """Return the experiment with an id, or raise UnknownNameError."""
         return _named("experiment", id_, {found.id: found for found in self.experiments})
 
+    def missing_tasks(self, experiment: Experiment) -> list[str]:
+        """Return the tasks of an experiment that the pack lacks."""
+        return [name for name in experiment.tasks if name not in self._tasks]
+
     def instances_of(
         self, tasks: Iterable[str] | None = None, kinds: Iterable[InstanceKind] | None = None
     ) -> tuple[PackInstance, ...]:

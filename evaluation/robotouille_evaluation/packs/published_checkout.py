@@ -281,10 +281,9 @@ def _figures(reading: _Reading) -> tuple[FigureData, ...]:
 
 def _unmet(pack: Pack) -> Iterator[str]:
     """Yield the files that experiments need and the pack lacks."""
-    tasks = {task.name for task in pack.tasks}
     prompts = {prompt.id for prompt in pack.prompts}
     examples = {found.name for found in pack.examples}
     for experiment in pack.experiments:
-        yield from (f"{PROBLEMS}/{name}.json" for name in experiment.tasks if name not in tasks)
+        yield from (f"{PROBLEMS}/{name}.json" for name in pack.missing_tasks(experiment))
         yield from (f"{EXAMPLES}/{name}" for name in experiment.shown if name not in examples)
         yield from (f"{PROMPTS}/{id_}.yml" for id_ in experiment.prompt_ids if id_ not in prompts)

@@ -150,8 +150,8 @@ def test_experiment_sets_all_conditions(tmp_path: Path, by_chance: Path) -> None
     result = called("benchmark", *words)
     assert result.exit_code == 0, result.output
     line = (
-        f"{EXPERIMENT}: tasks 1 of 2, instances 1, temperature 0.7, step budget published, "
-        "chance of a reversal 0.1\n"
+        f"{EXPERIMENT}: tasks 1 of 2 (not in the pack: synchronous/1), instances 1, "
+        "temperature 0.7, step budget published, chance of a reversal 0.1\n"
     )
     assert line in result.stderr
     (row,) = RunFolder(tmp_path / "run").rows()

@@ -11,7 +11,8 @@ from typer.testing import CliRunner, Result
 
 from robotouille_client.cli.main import app
 from robotouille_evaluation.packs.store import read_pack, write_pack
-from tests.support.checkouts import write_checkout
+from tests.support.checkouts import EXPERIMENT, write_checkout
+from tests.support.pages import read
 
 pytest.importorskip("yaml")
 
@@ -36,7 +37,19 @@ def test_import_lists_contents_and_missing_parts(tmp_path: Path, checkout: Path)
     assert result.exit_code == 0
     assert "published 2.0, 1 tasks (1 default, 10 free, 10 noisy)" in result.stdout
     assert "missing: environments/env_generator/examples/multi_agent\n" in result.stderr
+    assert "lacks 1 of the 2 tasks that its experiments name" in result.stderr
+    assert '"Missing tasks" in docs/packs.md' in result.stderr
+    assert "\n### Missing tasks\n" in read("packs.md")
     assert read_pack(tmp_path / "toast").digest in result.stdout
+
+
+def test_import_of_all_tasks_counts_no_missing_ones(tmp_path: Path) -> None:
+    both = '"synchronous/0_toast", "synchronous/1_absent"]'
+    changed = EXPERIMENT.replace(both, '"synchronous/0_toast"]').replace("[5, 9]", "[5]")
+    files = {"conf/experiments/ReAct/plain.yaml": changed}
+    result = pack("import", write_checkout(tmp_path / "x", files), "--out", tmp_path / "toast")
+    assert result.exit_code == 0
+    assert "lacks" not in result.stderr
 
 
 def test_default_folder_of_import(
