@@ -105,7 +105,7 @@ def part_played(dataset: str, rows: Iterable[ResultRow]) -> str:
 
 
 def may_be_react(row: ResultRow) -> bool:
-    """Return False if the agent is known to use another strategy than ReAct."""
+    """Return True unless the agent's name shows another strategy than ReAct."""
     name = row.strategy or row.agent
     return re.split(r"[-/ ]", name)[0].lower() not in OTHER_AGENTS
 
