@@ -131,10 +131,10 @@ def _cards(rows: Sequence[ResultRow]) -> Iterator[tuple[str, str]]:
             name: outcomes.success_rate(group) or 0.0 for name, group in named(episodes).items()
         }
         rate = max(rates.values())
-        best = [name for name, other in rates.items() if other == rate > 0]
+        winners = [name for name, other in rates.items() if other == rate > 0]
         part = part_played(dataset, episodes)
         where = dataset.replace("_", "-") + (f" ({part})" if part else "")
-        who = f": {_some(best, 1)}" if best else ""
+        who = f": {_some(winners, 1)}" if winners else ""
         yield f"{100 * rate:.3g} %", f"best success, {where}{who}"
     if total := sum(outcomes.tokens(rows)):
         yield f"{total / 1e6:,.3g} M" if total >= 1e6 else f"{total:,}", "tokens"
