@@ -23,10 +23,11 @@ from robotouille_server import health as resources
 from robotouille_server.auth import Role, RoleGrant
 from robotouille_server.health import Disk
 from robotouille_server.operator import operator_view
+from robotouille_server.operator.rows import shown_code
 from robotouille_server.rooms.room import Room
 from tests.operator.visits import DESKTOP, browser_page
 from tests.support.machines import Machine
-from tests.support.operator import Api, viewing
+from tests.support.operator import Api, table, viewing
 from tests.web.visits import BROWSER_TEST, PHONE, expect
 
 pytestmark = BROWSER_TEST
@@ -209,6 +210,29 @@ async def _downloaded(page: Any, where: Any) -> Path:
 def _archived(path: Path) -> list[str]:
     with tarfile.open(path) as tar:
         return tar.getnames()
+
+
+async def test_recordings_of_one_task_are_told_apart_and_found(
+    browser: Any, tmp_path: Path
+) -> None:
+    async with viewing(tmp_path) as (server, port, _):
+        for pair, names in (("p1", ("ada", "bob")), ("p2", ("cleo", "dan"))):
+            create = {"max_steps": 2, "step_rate": 20, "labels": {"pair": pair}}
+            async with table(server, names=names, **create) as play:
+                await play.until(lambda game: game.outcome)
+        await server.lobby.closed()
+        async with browser_page(browser, port.url) as page:
+            await page.get_by_role("tab", name="Recordings").click()
+            rows = page.locator(".recording")
+            await expect(rows).to_have_count(2)
+            for search in (play.code, "cleo", "pair=p2"):
+                await page.get_by_label("Search").fill(search)
+                await expect(rows).to_have_count(1)
+                await expect(rows.locator(".labels")).to_have_text("pairp2")
+                await expect(rows).to_contain_text(shown_code(play.code))
+                await expect(rows).to_contain_text("cleo, dan")
+                await page.get_by_label("Search").fill("")
+                await expect(rows).to_have_count(2)
 
 
 @pytest.mark.parametrize("token", [False, True], ids=["local", "token"])

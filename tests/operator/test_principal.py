@@ -53,7 +53,10 @@ async def test_token_shows_and_controls_only_its_episode(tmp_path: Path, named_b
 @virtual
 async def test_token_gives_access_only_to_its_recording(tmp_path: Path) -> None:
     async with viewing(tmp_path, tokens=True) as (server, _, api):
-        async with table(server) as mine, table(server) as other:
+        async with (
+            table(server) as mine,
+            table(server, names=("ada", f"_{mine.episode}.rbt")) as other,
+        ):
             await mine.until(lambda game: game.step >= 2)
             await other.until(lambda game: game.step >= 2)
             names = {name.rpartition("_")[2]: name for name in server.storage.names()}  # type: ignore[union-attr]
@@ -61,6 +64,9 @@ async def test_token_gives_access_only_to_its_recording(tmp_path: Path) -> None:
             api.http.headers.update(bearer(server, episode=mine.code))
             listed = await api.get("/api/recordings")
             assert [row["name"] for row in listed["recordings"]] == [hers]
+            for search, found in (("ada", 1), (other.code, 0), (f"_{mine.episode}.rbt", 1)):
+                answer = await api.get("/api/recordings", params={"search": search})
+                assert answer["found"] == found, search
             assert (await api.http.get(f"/api/recordings/{hers}")).status_code == 200
             for name in (others, others.removesuffix(".part"), "nothing.rbt"):
                 path = f"/api/recordings/{name}"

@@ -8,7 +8,8 @@ from typing import Any, BinaryIO
 
 from robotouille.replay.container import MAGIC, compress, pack_frame
 from robotouille.replay.recording import Recording, read_recording
-from robotouille_server.operator.recordings import DOWNLOAD_PIECE, PIECE
+from robotouille_server.operator.recording_heads import PIECE
+from robotouille_server.operator.recordings import DOWNLOAD_PIECE
 from robotouille_server.rooms.recording.storage import Folder
 from tests.support.operator import Disk, table, viewing
 from tests.support.virtual_time import virtual
@@ -71,6 +72,41 @@ async def test_list_shows_outcomes(tmp_path: Path) -> None:
         assert rows[0]["episode"] == play.episode
         found = await api.get("/api/recordings", params={"search": "OLD", "limit": 5})
         assert [row["name"] for row in found["recordings"]] == [rows[1]["name"]]
+
+
+@virtual
+async def test_recordings_are_found_by_code_labels_and_players(tmp_path: Path) -> None:
+    async with viewing(tmp_path) as (server, _, api):
+        for pair, names in (("p1", ("ada", "bob")), ("p2", ("cleo", "dan"))):
+            create = {"max_steps": 2, "labels": {"pair": pair}}
+            async with table(server, names=names, **create) as play:
+                await play.until(lambda game: game.outcome)
+        await server.lobby.closed()
+        rows = (await api.get("/api/recordings"))["recordings"]
+        last = next(row for row in rows if row["labels"] == {"pair": "p2"})
+        assert last["code"].replace("-", "") == play.code.replace("-", "")
+        assert last["players"] == ["cleo", "dan"]
+        for search in (last["code"], play.code, "CLEO", "pair=p2", "dan lettuce pair=p2"):
+            found = await api.get("/api/recordings", params={"search": search})
+            assert [row["name"] for row in found["recordings"]] == [last["name"]], search
+        assert (await api.get("/api/recordings", params={"search": "cleo p1"}))["found"] == 0
+
+
+@virtual
+async def test_search_reads_the_beginning_of_each_recording_once(tmp_path: Path) -> None:
+    reads = Reads(tmp_path)
+    async with viewing(tmp_path, storage=reads) as (server, _, api), table(server) as play:
+        await play.until(lambda game: game.step >= 1)
+        live = server.storage.names()[0]  # type: ignore[union-attr]
+        content = (tmp_path / live).read_bytes() + bytes(8 * PIECE)
+        for number in range(3):
+            (tmp_path / f"20250101T000000Z_old_{number}.rbt.part").write_bytes(content)
+        nobody = {"params": {"search": "nobody"}}
+        assert (await api.get("/api/recordings", **nobody))["found"] == 0
+        assert 0 < reads.bytes < 4 * 4 * PIECE
+        before = reads.bytes
+        assert (await api.get("/api/recordings", **nobody))["found"] == 0
+        assert reads.bytes == before
 
 
 @virtual

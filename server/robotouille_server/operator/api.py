@@ -143,6 +143,14 @@ PhaseParameter = Annotated[AnyPhase, Query(description="Only episodes in this ph
 Search = Annotated[
     str, Query(max_length=100, description="Words that all occur in code, task, names or labels.")
 ]
+SearchOfRecordings = Annotated[
+    str,
+    Query(
+        max_length=100,
+        description="Words that all occur in file name, code, task, names or labels. Of the 2,000 "
+        "newest recordings, all are searched, of older ones the file names.",
+    ),
+]
 Limit = Annotated[int, Query(ge=1, le=200, description="Maximum number of rows.")]
 Offset = Annotated[int, Query(ge=0, description="Number of rows to skip.")]
 EVENTS: dict[int | str, dict[str, Any]] = {
@@ -277,7 +285,7 @@ async def announce_to_all(service: TheService, request: AnnounceRequest) -> Done
 
 @router.get("/recordings", summary="List recordings, newest first", response_model=RecordingPage)
 async def recordings(
-    service: TheService, search: Search = "", limit: Limit = 50, offset: Offset = 0
+    service: TheService, search: SearchOfRecordings = "", limit: Limit = 50, offset: Offset = 0
 ) -> Response:
     return _json(await service.recordings.page(search, limit, offset))
 
@@ -319,7 +327,7 @@ async def archive(
     principal: ThePrincipal,
     rates: TheRates,
     name: Annotated[list[str], Query(max_length=100, description="Recordings; all without.")] = [],  # noqa: B006
-    search: Search = "",
+    search: SearchOfRecordings = "",
 ) -> Response:
     names = await service.recordings.archived(name, search)
     rates.charge(principal.token_subject, len(names) // ROWS_A_TURN)

@@ -255,6 +255,9 @@ class RecordingRow(ResponseModel):
     size: int
     created: str = Field(description="Date from the header; empty if it cannot be read.")
     task: str
+    code: str = Field(description="Code of the episode; empty without one.")
+    labels: dict[str, str] = Field(description="Labels of the study.")
+    players: list[str] = Field(description="Names in the seats when the game began.")
     outcome: str = Field(description="`goal` … `aborted`, `live`, `unfinished` or `unreadable`.")
     steps: int | None
     episode: str | None = Field(description="Episode that still writes it, or null.")

@@ -8,38 +8,24 @@ from __future__ import annotations
 import asyncio
 import errno
 import os
-import sys
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from http import HTTPStatus
-from typing import Any, BinaryIO, Protocol, cast
+from typing import Any, BinaryIO, Protocol
 
 from robotouille.errors import RecordingError
-from robotouille.replay.container import (
-    MAGIC,
-    MAX_FILE,
-    MAX_FRAME,
-    check_magic,
-    frame_ends,
-    frame_value,
-    is_closed,
-)
+from robotouille.replay.container import MAGIC, frame_value, is_closed
 from robotouille.replay.file_names import is_recording_name
 from robotouille.replay.frame_schema import check_frame
 from robotouille_server.operator.models import LogLine, RecordingPage, RecordingRow
 from robotouille_server.operator.principal import RequestRefusedError
-
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
+from robotouille_server.operator.recording_heads import RecordingHead, read_head, whole_frames
+from robotouille_server.operator.rows import shown_code
 
 MAX_LINES = 80
 FIRST_READ = 400
 """Frames at the end of a long recording that are decoded at first."""
-PIECE = 64 * 1024
-"""Bytes that are read at once from a recording."""
 DOWNLOAD_PIECE = 256 * 1024
 """Bytes of a download that are in memory."""
 NOTES = {
@@ -51,41 +37,6 @@ NOTES = {
 Sentence = Callable[[list[str]], str]
 TranscriptEvent = tuple[Any, str, str, list[str]]
 """Kind, participant, text and reasons of a line."""
-
-
-def whole_frames(file: BinaryIO, position: int = len(MAGIC)) -> Iterator[tuple[int, bytes]]:
-    """Yield each whole frame of a recording from a position, with the position of its end.
-
-    The frames end at the first tear or damage. The file is read in pieces: this bounds memory, and
-    each read lets the event loop take the interpreter's lock.
-
-    Raises:
-        RecordingError: The file is not a recording, or its compressed stream is damaged.
-    """
-    try:
-        stream = _uncompressed(file)
-        check_magic(stream.read(len(MAGIC)))
-        stream.seek(position)
-        rest = b""
-        while len(rest) <= MAX_FRAME + PIECE and position <= MAX_FILE:
-            if not (piece := stream.read(PIECE)):
-                return
-            # `frame_ends` expects the beginning of a recording.
-            rest, start = b"".join((MAGIC, rest, piece)), len(MAGIC)
-            for end in frame_ends(rest, start):
-                position += end - start
-                yield position, rest[start:end]
-                start = end
-            rest = rest[start:]
-    except (EOFError, zstd.ZstdError) as error:
-        raise RecordingError(f"damaged: {error}") from None
-
-
-def _uncompressed(file: BinaryIO) -> BinaryIO:
-    file.seek(0)
-    closed = is_closed(file.read(4))
-    file.seek(0)
-    return cast("BinaryIO", zstd.ZstdFile(file)) if closed else file
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,6 +158,8 @@ def _seat(note: dict[str, Any]) -> str:
 MAX_SUMMARISED = 32 * 1024 * 1024
 """Larger recordings are listed without their outcome: decompressing them takes too long."""
 MAX_SUMMARIES = 5000
+MAX_SEARCHED = 2000
+"""Newest recordings whose content is searched. Of older ones, a search reads only the names."""
 
 
 class ReadableStorage(Protocol):
@@ -229,7 +182,7 @@ class NoRecordings:
 
 @dataclass(frozen=True, slots=True)
 class RecordingSummary:
-    """Facts from the header and footer of a recording.
+    """Facts from the end of a recording.
 
     Attributes:
         end: The end of the last frame that was read.
@@ -239,10 +192,16 @@ class RecordingSummary:
     size: int
     end: int = len(MAGIC)
     read_size: int = 0
-    created: str = ""
-    task: str = ""
-    outcome: str = "unreadable"
+    outcome: str = "unfinished"
     steps: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class KnownHead:
+    """Head of a recording, None if it is unreadable, and the size of the file when it was read."""
+
+    size: int
+    head: RecordingHead | None
 
 
 class RecordingStore:
@@ -251,22 +210,40 @@ class RecordingStore:
     def __init__(self, storage: ReadableStorage) -> None:
         self._storage = storage
         self._known: dict[str, RecordingSummary] = {}
+        self._heads: dict[str, KnownHead] = {}
 
-    def page(self, search: str, limit: int, offset: int, live: Mapping[str, str]) -> RecordingPage:
+    def page(
+        self, search: str, limit: int, offset: int, live: Mapping[str, str], only: str = ""
+    ) -> RecordingPage:
         """Return a part of the list, newest first. `live` maps open recordings to episodes."""
-        found = self.found(search)
+        found = self.found(search, only)
         shown = found[offset : offset + limit]
         return RecordingPage(
             found=len(found), recordings=[self._row(name, live.get(name)) for name in shown]
         )
 
-    def found(self, search: str) -> list[str]:
-        """Return the names of the recordings that contain all words of a search, newest first."""
+    def found(self, search: str, only: str = "") -> list[str]:
+        """Return the names of the recordings that contain all words of a search, newest first.
+
+        Args:
+            search: Words that occur in the names, codes, tasks, labels or players.
+            only: The end of the names, without `.part`, of the recordings that may be found.
+        """
         words = search.lower().split()
-        return sorted(
-            (name for name in self._names() if all(word in name.lower() for word in words)),
-            reverse=True,
-        )
+        allowed = [name for name in self._names() if name.removesuffix(".part").endswith(only)]
+        newest = sorted(allowed, reverse=True)
+        return [
+            name
+            for place, name in enumerate(newest)
+            if self._matches(name, words, with_head=place < MAX_SEARCHED)
+        ]
+
+    def _matches(self, name: str, words: list[str], *, with_head: bool) -> bool:
+        rest = [word for word in words if word not in name.lower()]
+        if not rest or not with_head:
+            return not rest
+        head = self._head(name)
+        return head is not None and all(word in head.text for word in rest)
 
     def opened(self, name: str, live_size: int | None) -> tuple[BinaryIO, int]:
         """Open a recording for a download, and return the bytes up to its last whole frame.
@@ -292,37 +269,66 @@ class RecordingStore:
             raise _unreadable("the recordings folder", error) from None
 
     def _row(self, name: str, episode: str | None) -> RecordingRow:
-        summary = self._summary(name, live=episode is not None)
-        outcome = "live" if episode is not None else summary.outcome
+        head = self._head(name)
+        summary = self._summary(name, live=episode is not None, readable=head is not None)
+        head = head or RecordingHead("", "")
         return RecordingRow(
             name=name,
             size=summary.size,
-            created=summary.created,
-            task=summary.task,
-            outcome=outcome,
+            created=head.created,
+            task=head.task,
+            code=shown_code(head.code),
+            labels=dict(head.labels),
+            players=list(head.players),
+            outcome="live" if episode is not None else summary.outcome,
             steps=summary.steps,
             episode=episode,
         )
 
-    def _summary(self, name: str, *, live: bool) -> RecordingSummary:
-        known = self._known.get(name)
-        if known is not None and not name.endswith(".part"):
-            return known  # A closed recording never changes.
+    def _head(self, name: str) -> RecordingHead | None:
+        """Return the head of a recording, or None if it is unreadable."""
+        known = self._heads.get(name)
+        # The head is final once the game began, and a closed recording never changes.
+        if known is not None and (_is_closed_name(name) or (known.head and known.head.begun)):
+            return known.head
         try:
             with self._storage.open(name) as file:
                 size = file.seek(0, os.SEEK_END)
-                if known is not None and known.read_size == size:
-                    return known
+                if known is None or known.size != size:
+                    known = KnownHead(size, read_head(file))
+        except OSError:
+            return None
+        if len(self._heads) >= MAX_SUMMARIES:
+            # Several threads use the store, so none may remove single entries.
+            self._heads = {}
+        self._heads[name] = known
+        return known.head
+
+    def _summary(self, name: str, *, live: bool, readable: bool) -> RecordingSummary:
+        known = self._known.get(name)
+        if known is not None and _is_closed_name(name):
+            return known
+        try:
+            with self._storage.open(name) as file:
+                size = file.seek(0, os.SEEK_END)
+                if not readable:
+                    return RecordingSummary(size, outcome="unreadable")
+                if live or (known is not None and known.read_size == size):
+                    # The last frame of a live recording tells nothing.
+                    return replace(known or RecordingSummary(size), size=size)
                 if known is None or known.size > size:
                     known = RecordingSummary(size)
-                summary = _summarised(file, replace(known, size=size), live=live)
+                summary = _summarised(file, replace(known, size=size))
         except OSError:
-            return RecordingSummary(0)
+            return RecordingSummary(0, outcome="unreadable")
         if len(self._known) >= MAX_SUMMARIES:
-            # Several threads use the store, so none may remove single entries.
             self._known = {}
         self._known[name] = summary
         return summary
+
+
+def _is_closed_name(name: str) -> bool:
+    return not name.endswith(".part")
 
 
 async def pieces(file: BinaryIO, size: int) -> AsyncIterator[bytes]:
@@ -356,31 +362,18 @@ def _intact(file: BinaryIO) -> int:
         return size  # A damaged file may still help whoever repairs it.
 
 
-def _summarised(file: BinaryIO, known: RecordingSummary, *, live: bool) -> RecordingSummary:
-    """Return the summary of a recording, from its header and the last of its new frames.
-
-    Of a live recording only the header is read, because its last frame tells nothing.
-    """
-    if live and known.task:
-        return known
-    if known.size > MAX_SUMMARISED and not live:
+def _summarised(file: BinaryIO, known: RecordingSummary) -> RecordingSummary:
+    """Return the summary of a recording, from the last of its new frames."""
+    if known.size > MAX_SUMMARISED:
         return replace(known, outcome="unread", read_size=known.size)
     end, last = known.end, None
     try:
-        for end, last in whole_frames(file, known.end):
-            if not known.task:
-                known = _with_header(known, frame_value(last, 0))
-                if live:
-                    return replace(known, end=end)
+        for end, last in whole_frames(file, known.end):  # noqa: B007
+            pass
         known = replace(known, end=end, read_size=known.size)
         return known if last is None else _with_outcome(known, frame_value(last, 0))
     except (RecordingError, KeyError, TypeError):
-        return RecordingSummary(known.size, read_size=known.size)
-
-
-def _with_header(known: RecordingSummary, head: dict[str, Any]) -> RecordingSummary:
-    created, task = str(head["created"]), str(head["task"]["name"])
-    return replace(known, created=created, task=task, outcome="unfinished")
+        return RecordingSummary(known.size, read_size=known.size, outcome="unreadable")
 
 
 def _with_outcome(known: RecordingSummary, last: dict[str, Any]) -> RecordingSummary:

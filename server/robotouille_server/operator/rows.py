@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -150,6 +150,12 @@ def phase_of(room: Room) -> str:
 def shown_code(code: str) -> str:
     """Return a join code as it is shown to people: XXXXX-XXXXX."""
     return f"{code[:5]}-{code[5:]}" if len(code) == 10 else code
+
+
+def search_text(code: str, task: str, names: Iterable[str], labels: Mapping[str, str]) -> str:
+    """Return the text of an episode or a recording that a search reads, in lower case."""
+    pairs = (f"{name}={value}" for name, value in labels.items())
+    return " ".join([code, shown_code(code), task, *names, *pairs]).lower()
 
 
 class RoomRows:

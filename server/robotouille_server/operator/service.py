@@ -56,6 +56,7 @@ from robotouille_server.operator.rows import (
     gauge,
     phase_of,
     rooms_of,
+    search_text,
     shown_code,
 )
 from robotouille_server.operator.stored_recordings import StoredRecordings
@@ -418,11 +419,8 @@ def _found(census: Iterable[tuple[Room, str]], query: OverviewQuery) -> list[tup
 def _matches(room: Room, words: list[str]) -> bool:
     """Return whether a room's code, task, id, names or labels contain all words."""
     names = [seat.name for seat in room.episode.seats.values()]
-    labels = [f"{name}={value}" for name, value in room.labels.items()]
-    text = " ".join(
-        [room.code, shown_code(room.code), room.world.task.name, room.id, *names, *labels]
-    )
-    return all(word in text.lower() for word in words)
+    text = search_text(room.code, room.world.task.name, [room.id, *names], room.labels)
+    return all(word in text for word in words)
 
 
 def _member(room: Room, session_id: str) -> Session:

@@ -58,24 +58,24 @@ class StoredRecordings:
             for room in rooms_of(self._server.lobby, self._principal)
             if room.episode.phase is not Phase.ENDED
         }
-        search = self._limited(search)
-        return await self._jobs.run(self._store.page, search, limit, offset, live)
+        only = self._only()
+        return await self._jobs.run(self._store.page, search, limit, offset, live, only)
 
-    def _limited(self, search: str) -> str:
-        """Return a search that finds only recordings that the principal may see."""
-        return f"{search} {self.only_file()}" if self._principal.only_episode else search
+    def _only(self) -> str:
+        """Return the end of the names that the principal may see, or "" for all."""
+        return self.only_file() if self._principal.only_episode else ""
 
     async def archived(self, names: Collection[str], search: str) -> list[str]:
         """Return the names of the recordings in an archive.
 
         Args:
             names: The wanted recordings; empty for all that a search finds.
-            search: Words that all occur in the names.
+            search: Words that all occur in the names, codes, tasks, labels or players.
 
         Raises:
             RequestRefusedError: A name is unknown, or there are too many recordings.
         """
-        found = await self._jobs.run(self._store.found, self._limited(search))
+        found = await self._jobs.run(self._store.found, search, self._only())
         wanted = set(names)
         if unknown := wanted.difference(found):
             raise unknown_recording(min(unknown))

@@ -99,6 +99,9 @@ function labelChip() {
   };
 }
 
+// The study's labels in a list.
+export const labelRows = (list) => new Rows(list, ([name]) => name, labelChip);
+
 function card(row, watch) {
   const parts = { heading: heading(), phase: phaseBadge(), progress: progress() };
   const seats = h("ul", { class: "seats" });
@@ -108,7 +111,7 @@ function card(row, watch) {
   const spectators = h("span");
   const node = h("span", { class: "node" });
   const labels = h("ul", { class: "labels" });
-  const labelRows = new Rows(labels, ([name]) => name, labelChip);
+  const shownLabels = labelRows(labels);
   let now = row;
   const pauseButton = button("pause", "Pause", () => pauseOrResume(now));
   const watchButton = button("eye", "Watch", () => watch(now.episode), "primary");
@@ -129,7 +132,7 @@ function card(row, watch) {
       setText(spectators, next.spectators ? `${next.spectators} watching` : "");
       setText(recording, recordingWords(next));
       setText(node, next.node ? `on ${nodeName(next.node)}` : "");
-      labelRows.update(Object.entries(next.labels));
+      shownLabels.update(Object.entries(next.labels));
       setAttribute(recording, "class", next.problem ? "bad" : "");
       pauseButton.hidden = next.phase === "ended";
       updatePauseButton(pauseButton, next);

@@ -2,6 +2,7 @@
 
 import { download } from "./api.js";
 import { attempt } from "./dialogs.js";
+import { labelRows } from "./episodes.js";
 import { Rows, bytes, h, icon, number, setAttribute, setText, taskTitle } from "./dom.js";
 
 const WORDS = {
@@ -22,8 +23,12 @@ function when(created) {
 }
 
 function recording(row, ticked) {
+  const code = h("span", { class: "code" });
   const title = h("b");
   const name = h("span", { class: "name" });
+  const players = h("span", { class: "name" });
+  const labels = h("ul", { class: "labels" });
+  const shownLabels = labelRows(labels);
   const outcome = h("span", { class: "phase" });
   const figures = h("span", { class: "figures" });
   const tick = h("input", { type: "checkbox", onchange: (event) => ticked(row.name, event.target.checked) });
@@ -33,11 +38,15 @@ function recording(row, ticked) {
   }, icon("save"), h("span", {}, "Download"));
   const replay = h("a", { class: "button", href: `replay#${encodeURIComponent(row.name)}`, ...IN_NEW_TAB }, icon("play"), h("span", {}, "Replay"));
   return {
-    root: h("article", { class: "recording" }, tick, h("div", {}, title, name), outcome, figures, h("div", { class: "actions" }, replay, save)),
+    root: h("article", { class: "recording" }, tick, h("div", {}, h("div", { class: "chips" }, code, title), name, players, labels), outcome, figures, h("div", { class: "actions" }, replay, save)),
     update(next) {
       const task = taskTitle(next.task || next.name);
+      setText(code, next.code);
+      code.hidden = !next.code;
       setText(title, task.title);
       setText(name, [when(next.created), task.set].filter(Boolean).join(" · "));
+      setText(players, next.players.join(", "));
+      shownLabels.update(Object.entries(next.labels));
       setAttribute(title, "title", next.name);
       setAttribute(tick, "aria-label", `Select ${next.name}`);
       setText(outcome, WORDS[next.outcome] ?? next.outcome);
