@@ -105,7 +105,13 @@ async def test_faults_are_shown_at_their_fields(browser: Any, tmp_path: Path) ->
 
             await expect_fault("Task", "Choose a task.")
             await dialog.get_by_label("Task").fill("soop")
-            await expect_fault("Task", "soop")
+            await expect_fault("Task", "No task is called soop. Type a part of its name and choose")
+            await dialog.get_by_label("Task").fill(f"{TASK}s")
+            await expect_fault("Task", f"burgers. Did you mean '{TASK}'?")
+            await dialog.get_by_label("Task").fill("Lettuce chicken sandwich")
+            await expect_fault(
+                "Task", "Several tasks have this title. Choose one of asynchronous/02"
+            )
             await dialog.get_by_label("Task").fill(TASK)
             await dialog.get_by_label("Seats", exact=True).fill("9")
             await expect_fault("Seats", "does not support 9 seats")
@@ -122,6 +128,24 @@ async def test_faults_are_shown_at_their_fields(browser: Any, tmp_path: Path) ->
             await dialog.get_by_label("Address of the game for players").fill("kitchen")
             await expect_fault("Address of the game for players", "https://")
             assert not server.lobby.rooms
+
+
+async def test_task_is_named_by_its_title(browser: Any, tmp_path: Path) -> None:
+    async with viewing(tmp_path) as (server, port, _), browser_page(browser, port.url) as page:
+        dialog = await opened_form(page)
+        option = dialog.locator(f"option[value='{TASK}']")
+        await expect(option).to_have_text(re.compile(r"^Lettuce burger: 2, .* seats$"))
+        await expect(dialog.locator("option", has_text=": 1 seat").first).to_have_text(
+            re.compile(r": 1 seat$")
+        )
+        await dialog.get_by_label("Task").fill("lettuce Burger")
+        await expect(dialog.get_by_label("Seats", exact=True)).to_have_accessible_description(
+            re.compile("Possible: 2")
+        )
+        await dialog.get_by_role("button", name="Open", exact=True).click()
+        await expect(dialog.locator("h2")).to_have_text("An episode is open")
+        (room,) = server.lobby.rooms.values()
+        assert room.world.task.name == TASK
 
 
 async def test_labels_are_never_markup_or_formulas(browser: Any, tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 import { get, post } from "./api.js";
 import { ask, toast } from "./dialogs.js";
-import { button, h, saveAs, setAttribute, setText } from "./dom.js";
+import { button, h, saveAs, setAttribute, setText, taskTitle } from "./dom.js";
 import { asCSV, keepPageAddress, linkRows, pageAddress } from "./links.js";
 
 const DAY = 86_400;
@@ -52,12 +52,25 @@ export function labelsOf(text) {
   }));
 }
 
+const seatWords = ({ seats, shift }) => `${seats.join(", ")} ${seats.join() === "1" ? "seat" : "seats"}${shift ? ", shift" : ""}`;
+
+// Names of the tasks by their titles, as the lists of episodes and recordings show them.
+function namesByTitle(tasks) {
+  const names = new Map();
+  for (const { name } of tasks) {
+    const title = taskTitle(name).title.toLowerCase();
+    names.set(title, [...(names.get(title) ?? []), name]);
+  }
+  return names;
+}
+
 class Form {
   constructor(server, { tasks, skills }) {
     this.server = server;
     this.tasks = new Map(tasks.map((task) => [task.name, task]));
+    this.names = namesByTitle(tasks);
     const names = h("datalist", { id: "task-names" }, ...tasks.map((task) => h("option", { value: task.name },
-      `${task.seats.join(", ")} seats${task.shift ? ", shift" : ""}`)));
+      `${taskTitle(task.name).title}: ${seatWords(task)}`)));
     this.fields = {
       task: field("Task", h("input", { list: "task-names", required: true, maxlength: 200, autocomplete: "off", spellcheck: "false" }), "Type to search."),
       seats: field("Seats", whole({ min: 1, max: 16 })),
@@ -88,8 +101,15 @@ class Form {
     return this.fields[name].control.value.trim();
   }
 
+  // Names of the tasks that the operator may mean: several if they share the entered title.
+  taskNames() {
+    const entered = this.value("task");
+    return (!this.tasks.has(entered) && this.names.get(entered.toLowerCase())) || [entered];
+  }
+
   showSeats() {
-    const task = this.tasks.get(this.value("task"));
+    const [name, ...others] = this.taskNames();
+    const task = others.length ? null : this.tasks.get(name);
     const { seats } = this.fields;
     seats.control.placeholder = task ? String(task.seats[0]) : "as usual";
     setText(seats.root.querySelector(".hint"), task ? `Possible: ${task.seats.join(", ")}` : "");
@@ -107,9 +127,11 @@ class Form {
 
   // What the operator wants; raises FieldFault for what only this page can check.
   order() {
-    if (!this.value("task")) throw new FieldFault("task", "Choose a task.");
+    const [task, ...others] = this.taskNames();
+    if (!task) throw new FieldFault("task", "Choose a task.");
+    if (others.length) throw new FieldFault("task", `Several tasks have this title. Choose one of ${[task, ...others].join(", ")}.`);
     const seats = this.number("seats");
-    const create = { task: this.value("task"), clock: this.value("clock"), tokens: true, open_for: Number(this.value("open_for")) };
+    const create = { task, clock: this.value("clock"), tokens: true, open_for: Number(this.value("open_for")) };
     if (seats !== null) create.seats = seats;
     const rate = create.clock === "realtime" ? this.number("step_rate") : null;
     if (rate !== null) create.step_rate = rate;
@@ -118,9 +140,16 @@ class Form {
     const count = this.number("count");
     const most = seats ?? this.tasks.get(create.task)?.seats[0] ?? 16;
     const bots = { count: this.number("bots") ?? 0, skill: this.value("skill") };
-    if (bots.count > most) throw new FieldFault("bots", `The task has ${most} seats.`);
+    if (bots.count > most) throw new FieldFault("bots", `The task has ${most} ${most === 1 ? "seat" : "seats"}.`);
     if (!this.fields.page.control.checkValidity()) throw new FieldFault("page", "Enter an address such as https://kitchen.example.org/play.");
     return { count, create, bots, page: this.value("page") };
+  }
+
+  // The server's message names a command that lists the tasks; the page has its own list.
+  unknownTask({ message }) {
+    const [near = ""] = message.match(/did you mean [^?]*\?/) ?? [];
+    const hint = near || "Type a part of its name and choose it from the list.";
+    return `No task is called ${this.value("task")}. ${hint.charAt(0).toUpperCase()}${hint.slice(1)}`;
   }
 
   show(problem) {
@@ -131,7 +160,7 @@ class Form {
     const [name] = (problem.field ?? "").replace(/^create\./, "").split(".");
     const found = this.fields[name];
     if (!found) return setText(this.status, problem.message);
-    const words = problem.message.replace(`invalid ${problem.field}: `, "").replace(`${name}: `, "");
+    const words = problem.code === "task/unknown" ? this.unknownTask(problem) : problem.message.replace(`invalid ${problem.field}: `, "").replace(`${name}: `, "");
     found.fail(words);
     found.control.focus();
   }
