@@ -212,6 +212,31 @@ def _archived(path: Path) -> list[str]:
         return tar.getnames()
 
 
+async def test_lists_stay_in_place_when_figures_appear(browser: Any, tmp_path: Path) -> None:
+    async with viewing(tmp_path) as (server, port, _), browser_page(browser, port.url) as page:
+        totals = page.get_by_label("Totals")
+        await expect(totals).to_contain_text("median –")
+        before = (await totals.bounding_box())["height"]
+        async with live_game(server):
+            await expect(totals).to_contain_text(re.compile("median ≤.*99.9 % ≤"))
+            assert (await totals.bounding_box())["height"] == before
+            # Slow steps make the longest text.
+            for _ in range(1000):
+                server.metrics.lateness.observe(0.2)
+            await expect(totals).to_contain_text(re.compile("99.9 % ≤ [0-9]{3}"))
+            assert (await totals.bounding_box())["height"] == before
+
+
+async def test_free_seat_is_named_once(browser: Any, tmp_path: Path) -> None:
+    async with viewing(tmp_path) as (server, port, _):
+        async with connect(server.url, name="host") as host:
+            await host.create(TASK)
+        async with browser_page(browser, port.url) as page:
+            await page.get_by_role("button", name="Watch").click()
+            seat = page.get_by_label("Watched episode").locator(".person").first
+            await expect(seat).to_have_text("robot1· free")
+
+
 async def test_recordings_of_one_task_are_told_apart_and_found(
     browser: Any, tmp_path: Path
 ) -> None:

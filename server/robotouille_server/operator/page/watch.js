@@ -26,9 +26,10 @@ function person(row, remove, silence) {
       setAttribute(root, "data-who", seat ? next.controller || "free" : next.present ? "watching" : "absent");
       setText(name, next.name || next.player);
       const words = seat
-        ? [next.player, controllerWords(next), stepWords(next), next.rejected ? `${next.rejected} rejected` : ""]
+        ? [next.name ? next.player : "", controllerWords(next), stepWords(next), next.rejected ? `${next.rejected} rejected` : ""]
         : [next.present ? "watching" : "away", next.kind];
-      setText(more, [...words, next.muted ? "muted" : "", latency(next), traffic(next), next.address].filter(Boolean).join(" · "));
+      const facts = [...words, next.muted ? "muted" : "", latency(next), traffic(next), next.address].filter(Boolean).join(" · ");
+      setText(more, seat && !next.name ? `· ${facts}` : facts);
       setAttribute(more, "title", `${bytes(next.recorded_bytes)} of chat and reasoning in the recording`);
       setAttribute(removeButton, "aria-label", `Remove ${next.name}`);
       setAttribute(muteButton, "aria-label", `Mute ${next.name}`);
