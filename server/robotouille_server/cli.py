@@ -343,6 +343,7 @@ def _greeting(server: Server, room: Room | None, operator: str, restored: int = 
     )
     if operator:
         lines.append(f"  operator page:  {operator}")
+        lines.append("  several games:  the button Open episodes on the operator page")
     if settings.is_local:
         lines.append("  only programs on this machine can connect; --host 0.0.0.0 admits others")
     if restored:
@@ -361,6 +362,7 @@ def _invitation(server: Server, room: Room) -> list[str]:
         f"Robotouille is serving {room.world.task.name} ({clock}) at {address}",
         f"  for {seats} player{'s' * (seats > 1)}, the kitchen's code is {room.code}",
         _validity(room),
+        f"  another game:  robotouille-client --create TASK{url}{token}",
         f"  play:   robotouille-client {room.code}{url}{token}",
         f"  a bot:  robotouille-bot planner --episode {room.code}{url}{token}",
         *_page(server, room),
@@ -381,7 +383,7 @@ def _validity(room: Room) -> str:
     from robotouille.episode.presence import LOBBY_SECONDS
 
     minutes = round(max(room.episode.rules.grace, LOBBY_SECONDS) / 60)
-    return f"  it closes after {minutes} minutes without players; for a new one, restart the server"
+    return f"  it closes after {minutes} minutes without players"
 
 
 def _for_others(server: Server, room: Room, token: str) -> list[str]:

@@ -147,7 +147,19 @@ async def test_greeting_says_when_the_kitchen_closes(
 ) -> None:
     async with serving(tmp_path, grace=grace) as server:
         greeting = _greeting(server, first_room(server), "")
-        assert f"it closes after {minutes} minutes without players; for a new one" in greeting
+        assert f"it closes after {minutes} minutes without players\n" in greeting
+
+
+@virtual
+async def test_greeting_says_how_to_open_more_games(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        room = first_room(server)
+        own = f"another game:  robotouille-client --create TASK --url {server.public_url}\n"
+        assert own in _greeting(server, room, "")
+        assert "Open episodes" not in _greeting(server, room, "")
+        assert "the button Open episodes on the operator page\n" in _greeting(
+            server, room, "http://127.0.0.1:8766/"
+        )
 
 
 def test_links_out_of_the_folder_are_refused(bistro: Path) -> None:
