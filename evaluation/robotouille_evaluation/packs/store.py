@@ -166,7 +166,9 @@ def _neighbours(folder: Path) -> list[str]:
 
 def _inside(name: str) -> bool:
     path = PurePosixPath(name)
-    return not path.is_absolute() and ".." not in path.parts and "\\" not in name
+    # Only one spelling: a file that is listed under many names would be read many times.
+    own = not path.is_absolute() and ".." not in path.parts and "\\" not in name
+    return own and name == str(path)
 
 
 def _checked(folder: Path, hashes: dict[str, str]) -> dict[str, str]:

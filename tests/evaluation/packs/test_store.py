@@ -101,6 +101,7 @@ def test_folder_without_pack_is_an_error(folder: Path, tmp_path: Path) -> None:
         ({"files": ["domain.json"]}, "files: expected file names with their hashes"),
         ({"files": {"../secret": "0"}}, "files: expected file names with their hashes"),
         ({"files": {"/etc/passwd": "0"}}, "files: expected file names with their hashes"),
+        ({"files": {"./tasks.json": "0"}}, "files: expected file names with their hashes"),
         ({"files": {}}, "invalid pack"),
         ({"digest": 1}, "digest: expected a text, found 1"),
         ({"digest": "0" * 64}, "digest: expected"),

@@ -33,7 +33,8 @@ export function linkRows(opened, { page, server, create: { task, labels }, bots:
 
 // A spreadsheet would run a label such as `=A1` as a formula.
 const cell = (text) => (/^[=+\-@\t\r]/.test(text) ? `'${text}` : text);
-const quoted = (text, mark) => (/["\r\n]/.test(text) || text.includes(mark) ? `"${text.replaceAll('"', '""')}"` : text);
+// In some languages, spreadsheets separate cells by semicolons.
+const quoted = (text, mark) => (/["\r\n;]/.test(text) || text.includes(mark) ? `"${text.replaceAll('"', '""')}"` : text);
 
 function columns({ code, episode, task, labels, links, bots }) {
   const named = (group, values) => Object.entries(values).map(([name, value]) => [`${group}.${name}`, value]);
