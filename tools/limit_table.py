@@ -36,16 +36,11 @@ from robotouille_server.mqtt.messages import (
     MAX_PROPERTY_BYTES,
     MAX_WATCH_SECONDS,
 )
-from robotouille_server.operator import (
-    connections,
-    event_streams,
-    load,
-    recordings,
-    replay_pages,
-)
-from robotouille_server.operator.archive import MAX_ARCHIVED
+from robotouille_server.operator import connections, event_streams, load
 from robotouille_server.operator.guard import MAX_BODY, REFUSED_A_MINUTE
 from robotouille_server.operator.models import MAX_OPENED
+from robotouille_server.operator.recordings import replay_pages, store
+from robotouille_server.operator.recordings.archive import MAX_ARCHIVED
 from robotouille_server.rooms.episode_setup import MAX_FINISHED
 from robotouille_server.rooms.lobby import LINGER_SECONDS, MAX_REMATCHES
 from robotouille_server.rooms.participants.seat_limits import (
@@ -372,7 +367,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("Requests that read recordings at the same time",
               f"{load.HEAVY_JOBS}, and {load.MAX_WAITING_JOBS} that wait",
               "HTTP status 503, `operator/busy`, with `Retry-After`."),
-        Limit("Bytes of a download in memory", _size(recordings.DOWNLOAD_PIECE),
+        Limit("Bytes of a download in memory", _size(store.DOWNLOAD_PIECE),
               "The client must read before the server continues."),
         Limit("Recordings in an archive", f"{MAX_ARCHIVED}",
               "HTTP status 400, `request/invalid`."),
@@ -385,7 +380,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               "HTTP status 422, `recording/unshown`."),
         Limit("Time to make a replay", f"{replay_pages.SECONDS:g} s",
               "HTTP status 422, `recording/unshown`."),
-        Limit("Recording in a list, to show its outcome", _size(recordings.MAX_SUMMARISED),
+        Limit("Recording in a list, to show its outcome", _size(store.MAX_SUMMARISED),
               "The outcome is `unread`."),
         Limit("Time for a TLS handshake, a request head and a request body, each",
               f"{connections.REQUEST_SECONDS:g} s", CUT),

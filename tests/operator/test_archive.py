@@ -11,8 +11,8 @@ import pytest
 
 from robotouille.protocol import messages
 from robotouille.replay.recording import Recording
-from robotouille_server.operator.archive import LEFT_OUT, archive
-from robotouille_server.operator.recordings import DOWNLOAD_PIECE
+from robotouille_server.operator.recordings.archive import LEFT_OUT, archive
+from robotouille_server.operator.recordings.store import DOWNLOAD_PIECE
 from robotouille_server.rooms.recording.storage import Folder
 from tests.support.operator import audited, bearer, table, viewing
 from tests.support.virtual_time import virtual
@@ -103,7 +103,7 @@ async def test_archive_is_made_in_pieces() -> None:
 
 @virtual
 async def test_limits_are_explained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robotouille_server.operator.stored_recordings.MAX_ARCHIVED", 3)
+    monkeypatch.setattr("robotouille_server.operator.recordings.stored_recordings.MAX_ARCHIVED", 3)
     async with viewing(tmp_path) as (_, _, api):
         files = filled(tmp_path, 4)
         answer = await api.http.get("/api/archive")

@@ -8,8 +8,8 @@ from typing import Any, BinaryIO
 
 from robotouille.replay.container import MAGIC, compress, pack_frame
 from robotouille.replay.recording import Recording, read_recording
-from robotouille_server.operator.recording_heads import PIECE
-from robotouille_server.operator.recordings import DOWNLOAD_PIECE
+from robotouille_server.operator.recordings.heads import PIECE
+from robotouille_server.operator.recordings.store import DOWNLOAD_PIECE
 from robotouille_server.rooms.recording.storage import Folder
 from tests.support.operator import Disk, table, viewing
 from tests.support.virtual_time import virtual

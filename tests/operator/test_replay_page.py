@@ -18,7 +18,7 @@ from robotouille.replay.annotations import read_annotations
 from robotouille.replay.recording import Recording
 from robotouille.web.recording_page import page_data
 from robotouille_server.auth import Role
-from robotouille_server.operator import replay_pages
+from robotouille_server.operator.recordings import replay_pages
 from tests.operator.visits import browser_page
 from tests.support.games import recorded_game
 from tests.support.operator import audited, bearer, table, viewing

@@ -44,11 +44,12 @@ from robotouille_server.operator.other_nodes import (
     cluster_node,
 )
 from robotouille_server.operator.principal import Principal, RequestRefusedError, note
-from robotouille_server.operator.recordings import (
+from robotouille_server.operator.recordings import StoredRecordings
+from robotouille_server.operator.recordings.room_transcripts import RoomTranscript, RoomTranscripts
+from robotouille_server.operator.recordings.store import (
     NoRecordings,
     ReadableStorage,
 )
-from robotouille_server.operator.room_transcripts import RoomTranscript, RoomTranscripts
 from robotouille_server.operator.rows import (
     MetricsHistory,
     RoomRows,
@@ -59,7 +60,6 @@ from robotouille_server.operator.rows import (
     search_text,
     shown_code,
 )
-from robotouille_server.operator.stored_recordings import StoredRecordings
 from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.room import Room
 from robotouille_server.runtime.logs import get_logger

@@ -10,19 +10,19 @@ from typing import BinaryIO
 from robotouille.episode import Phase
 from robotouille.replay.file_names import CLOSED
 from robotouille_server.app import Server
-from robotouille_server.operator.archive import MAX_ARCHIVED, archive
 from robotouille_server.operator.forwarding import MAX_ANSWER_BYTES, too_large
 from robotouille_server.operator.load import HeavyJobs, Turns
 from robotouille_server.operator.models import RecordingPage
 from robotouille_server.operator.other_nodes import EpisodeElsewhereError, OtherNodes
 from robotouille_server.operator.principal import Principal, RequestRefusedError, note
-from robotouille_server.operator.recordings import (
+from robotouille_server.operator.recordings.archive import MAX_ARCHIVED, archive
+from robotouille_server.operator.recordings.replay_pages import ReplayPages
+from robotouille_server.operator.recordings.store import (
     ReadableStorage,
     RecordingStore,
     pieces,
     unknown_recording,
 )
-from robotouille_server.operator.replay_pages import ReplayPages
 from robotouille_server.operator.rows import recording_name, rooms_of
 
 

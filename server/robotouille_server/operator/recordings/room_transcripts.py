@@ -10,7 +10,7 @@ from robotouille.errors import RecordingError
 from robotouille_server.operator.load import HeavyJobs
 from robotouille_server.operator.models import LogLine
 from robotouille_server.operator.principal import RequestRefusedError
-from robotouille_server.operator.recordings import NewFrames, ReadableStorage, Transcript
+from robotouille_server.operator.recordings.store import NewFrames, ReadableStorage, Transcript
 from robotouille_server.operator.rows import recording_name
 from robotouille_server.rooms.room import Room
 from robotouille_server.runtime.logs import get_logger

@@ -8,7 +8,7 @@ from typing import BinaryIO
 
 from robotouille.errors import RecordingError
 from robotouille_server.operator.principal import RequestRefusedError
-from robotouille_server.operator.recordings import pieces
+from robotouille_server.operator.recordings.store import pieces
 
 MAX_ARCHIVED = 500
 """Recordings in one archive."""

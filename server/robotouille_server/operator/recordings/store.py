@@ -20,7 +20,7 @@ from robotouille.replay.file_names import is_recording_name
 from robotouille.replay.frame_schema import check_frame
 from robotouille_server.operator.models import LogLine, RecordingPage, RecordingRow
 from robotouille_server.operator.principal import RequestRefusedError
-from robotouille_server.operator.recording_heads import RecordingHead, read_head, whole_frames
+from robotouille_server.operator.recordings.heads import RecordingHead, read_head, whole_frames
 from robotouille_server.operator.rows import shown_code
 
 MAX_LINES = 80
