@@ -271,7 +271,7 @@ class TestEpisodes:
             await asked.do(f"{at.path}/end")
             await asyncio.sleep(2)  # The recording is stored.
             name = (await asked.get(at.path))["recording"]["name"]
-            for module in ("stored_recordings", "answering"):
+            for module in ("recordings.stored_recordings", "answering"):
                 name_of_limit = f"robotouille_server.operator.{module}.MAX_ANSWER_BYTES"
                 monkeypatch.setattr(name_of_limit, 100)
             for path in (f"/api/recordings/{name}", at.path):
