@@ -23,6 +23,7 @@ from robotouille.envs.rules import (
     EnvObservation,
     EnvOptions,
     InvalidAction,
+    Perspective,
     Reward,
     StepsToGoPotential,
 )
@@ -32,6 +33,7 @@ __all__ = [
     "EnvObservation",
     "EnvOptions",
     "InvalidAction",
+    "Perspective",
     "Reward",
     "RobotouilleEnv",
     "RobotouilleParallelEnv",

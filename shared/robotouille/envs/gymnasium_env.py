@@ -13,9 +13,10 @@ from gymnasium.envs.registration import register, registry
 
 from robotouille.domain.loading import task_names
 from robotouille.domain.task import Task
+from robotouille.envs.observer import Observer
 from robotouille.envs.play import Play
-from robotouille.envs.rules import EnvObservation, EnvOptions, EnvRules
-from robotouille.envs.views import observation_space, picture
+from robotouille.envs.rules import EnvOptions, EnvRules, Perspective
+from robotouille.envs.views import picture
 from robotouille.errors import WrongArgumentError
 from robotouille.world.world import State, World
 
@@ -87,10 +88,14 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
                 f"render_mode: expected one of {RENDER_MODES}, found {render_mode!r}"
             )
         rules = EnvRules.of(task, options)
+        if rules.perspective not in (None, Perspective.SHARED):
+            raise WrongArgumentError(
+                f"perspective: {rules.perspective} needs one agent per player; see parallel_env"
+            )
         self._play = Play(rules)
-        self._kind = EnvObservation(rules.observation)
+        self._observer = Observer(rules, self._play.views, Perspective.SHARED)
         self.render_mode = render_mode
-        self.observation_space = observation_space(self._kind, self._play.view)
+        self.observation_space = self._observer.space()
         counts = self._play.view.sizes.actions
         self._alone = len(counts) == 1
         self.action_space: spaces.Space[Any] = (
@@ -105,6 +110,11 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
             RobotouilleError: No episode has begun.
         """
         return self._play.state
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the numbers in a vector; see `Encoding.columns`."""
+        return self._observer.columns
 
     @property
     def world(self) -> World:
@@ -138,7 +148,7 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
         super().reset(seed=seed)
         play = self._play
         play.begin(self.np_random, options)
-        return play.observation(self._kind, play.players), self._info(True)
+        return self._observer.observe(play), self._info(True)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Take a step.
@@ -150,7 +160,7 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
         """
         play = self._play
         reward, terminated, truncated, valid = play.take((action,) if self._alone else action)
-        observation = play.observation(self._kind, play.players)
+        observation = self._observer.observe(play)
         return observation, reward, terminated, truncated, self._info(all(valid))
 
     def render(self) -> Any:

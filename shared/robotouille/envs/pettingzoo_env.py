@@ -13,9 +13,10 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import parallel_to_aec
 
 from robotouille.domain.task import Task
+from robotouille.envs.observer import Observer
 from robotouille.envs.play import Play
-from robotouille.envs.rules import EnvObservation, EnvOptions, EnvRules
-from robotouille.envs.views import Mask, observation_space, picture
+from robotouille.envs.rules import EnvOptions, EnvRules, Perspective
+from robotouille.envs.views import Mask, picture, vector_space
 from robotouille.errors import WrongArgumentError
 from robotouille.world.world import State, World
 
@@ -25,9 +26,10 @@ RENDER_MODES = ("ansi", "rgb_array")
 class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
     """One agent per player of a task. All agents act in each step, in the order of seats.
 
-    Arguments, actions, observations and rewards are those of `RobotouilleEnv`. All agents get the
-    same reward. Each agent's `info` contains `action_mask` and `valid`. An agent without an action,
-    or with None, does nothing.
+    Arguments, actions and rewards are those of `RobotouilleEnv`. Observations also show which
+    player is the agent's own: see `Perspective`. All agents get the same reward. Each agent's
+    `info` contains `action_mask` and `valid`. An agent without an action, or with None, does
+    nothing.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -46,7 +48,10 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
             )
         rules = EnvRules.of(task, options)
         self._play = Play(rules)
-        self._kind = EnvObservation(rules.observation)
+        alone = len(self._play.players) == 1
+        default = Perspective.SHARED if alone else Perspective.IDENTITY
+        perspective = Perspective(rules.perspective or default)
+        self._observer = Observer(rules, self._play.views, perspective)
         self._random = np.random.default_rng()
         self.render_mode = render_mode
         self.possible_agents = list(self._play.players)
@@ -54,13 +59,13 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
         self._seat = {player: i for i, player in enumerate(self.possible_agents)}
         view = self._play.view
         self.observation_spaces = {
-            player: observation_space(self._kind, view) for player in self.possible_agents
+            player: self._observer.space() for player in self.possible_agents
         }
         self.action_spaces = {
             player: cast("gymnasium.Space[Any]", spaces.Discrete(count))
             for player, count in zip(self.possible_agents, view.sizes.actions, strict=True)
         }
-        self.state_space = observation_space(EnvObservation.VECTOR, view)
+        self.state_space = vector_space(view.sizes)
 
     def observation_space(self, agent: str) -> gymnasium.Space[Any]:
         """Return an agent's observation space, which is always the same object."""
@@ -69,6 +74,19 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
     def action_space(self, agent: str) -> gymnasium.Space[Any]:
         """Return an agent's action space, which is always the same object."""
         return self.action_spaces[agent]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the numbers in each agent's vector; see `Encoding.columns`.
+
+        If the perspective is egocentric, the first player stands for the agent's own.
+        """
+        return self._observer.columns
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """Names of the numbers of a graph's node; see `Encoding.features`."""
+        return self._observer.features
 
     @property
     def world(self) -> World:
@@ -138,10 +156,9 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
         )
 
     def _observations(self) -> dict[str, Any]:
-        if self._kind is EnvObservation.VECTOR:
-            vector = self._play.seen.vector
-            return {player: vector.copy() for player in self.agents}
-        return {player: self._play.observation(self._kind, (player,)) for player in self.agents}
+        return {
+            player: self._observer.observe(self._play, self._seat[player]) for player in self.agents
+        }
 
     def _infos(self, valid: Sequence[bool]) -> dict[str, dict[str, Any]]:
         masks = self._play.seen.masks

@@ -10,7 +10,6 @@ from typing import Any, Protocol
 import numpy as np
 
 from robotouille.envs.rules import (
-    EnvObservation,
     EnvRules,
     InvalidAction,
     Reward,
@@ -117,12 +116,6 @@ class Play:
         if self._seen is None:
             raise not_reset_error()
         return self._seen
-
-    def observation(self, kind: EnvObservation, players: Sequence[str]) -> Any:
-        """Return the players' current observation, as an object of its own."""
-        if kind is EnvObservation.VECTOR:
-            return self.seen.vector.copy()
-        return self.view.observation(self.state, kind, players)
 
     def begin(self, random: np.random.Generator, options: dict[str, Any] | None) -> None:
         """Begin an episode of the requested instance, or of a random one.

@@ -76,6 +76,18 @@ class EnvObservation(StrEnum):
     TEXT = "text"
 
 
+class Perspective(StrEnum):
+    """Difference between the agents' vectors and graphs.
+
+    `SHARED`: none. `IDENTITY`: they mark the agent's own player. `EGOCENTRIC`: the agent's own
+    player is in the place of the first one, and the others follow in the order of seats.
+    """
+
+    SHARED = "shared"
+    IDENTITY = "identity"
+    EGOCENTRIC = "egocentric"
+
+
 class Reward(StrEnum):
     """Rewards of a step.
 
@@ -105,6 +117,10 @@ class EnvOptions(TypedDict, total=False):
     """Options of all environments.
 
     - `observation`: `vector`, `graph` or `text`.
+    - `perspective`: `shared`, `identity` or `egocentric`. By default it is `identity` if each of
+      several players is an agent, else `shared`.
+    - `goal`: True if vectors contain which conditions of the goal hold, and graphs the things that
+      the goal needs; False by default. Texts always contain the conditions.
     - `reward`: `sparse` is 1 on the step that reaches the goal, else 0. `shaped` adds `weight *
       (gamma * potential(after) - potential(before))`.
     - `gamma`: the learner's discount for a shaped reward, above 0 and at most 1; 0.99 by default.
@@ -120,6 +136,8 @@ class EnvOptions(TypedDict, total=False):
     """
 
     observation: EnvObservation | str
+    perspective: Perspective | str | None
+    goal: bool
     reward: Reward | str
     gamma: float
     weight: float
@@ -140,6 +158,8 @@ class EnvRules:
 
     task: Task | str
     observation: EnvObservation | str = EnvObservation.VECTOR
+    perspective: Perspective | str | None = None
+    goal: bool = False
     reward: Reward | str = Reward.SPARSE
     gamma: float = 0.99
     weight: float = 1.0
@@ -167,6 +187,12 @@ class EnvRules:
             ("observation", EnvObservation), ("reward", Reward), ("invalid", InvalidAction),
         ):  # fmt: skip
             object.__setattr__(self, name, _one_of(kind, name, getattr(self, name)))
+        if self.perspective is not None:
+            object.__setattr__(
+                self, "perspective", _one_of(Perspective, "perspective", self.perspective)
+            )
+        if not isinstance(self.goal, bool):
+            raise WrongArgumentError(f"goal: expected True or False, found {self.goal!r}")
         limit = self.max_steps
         if isinstance(limit, bool) or not isinstance(limit, int | None):
             raise WrongArgumentError(f"max_steps: expected an integer, found {limit!r}")
@@ -194,6 +220,8 @@ class EnvRules:
         task = _loaded(self.task)
         if task.problem.shift is not None and self.reward is Reward.SHAPED:
             raise WrongArgumentError("reward: 'shaped' needs a goal; a shift rewards points")
+        if task.problem.shift is not None and self.goal:
+            raise WrongArgumentError("goal: a shift has no goal; its orders are in vectors already")
         if isinstance(self.instances, str):
             if self.instances != "generated":
                 found = repr(self.instances)
@@ -234,9 +262,9 @@ def is_compiled() -> bool:
 
 def engine_plays(rules: EnvRules) -> bool:
     """Return whether the batch engine plays under an environment's rules."""
-    # Graphs, texts and potentials need a `State` in each step, which the engine would have to
-    # build.
-    vectors = rules.observation is EnvObservation.VECTOR
+    # Graphs, texts, goals and potentials need a `State` in each step, which the engine would have
+    # to build.
+    vectors = rules.observation is EnvObservation.VECTOR and not rules.goal
     if not (vectors and rules.reward is Reward.SPARSE and is_compiled()):
         return False
     return all(task.problem.shift is None for task in rules.tasks())

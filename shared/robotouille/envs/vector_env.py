@@ -20,12 +20,13 @@ from robotouille.envs.rules import (
     EnvObservation,
     EnvOptions,
     EnvRules,
+    Perspective,
     Reward,
     StepsToGoPotential,
     engine_plays,
     not_reset_error,
 )
-from robotouille.envs.views import Mask, ObservationView, Vector, observation_space, views_of
+from robotouille.envs.views import Mask, ObservationView, Vector, vector_space, views_of
 from robotouille.errors import WrongArgumentError
 
 
@@ -110,7 +111,7 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         task: A task, or a name for `load_task`.
         num_envs: Number of copies.
         autoreset_mode: `NextStep` or `SameStep`: when a copy begins another episode.
-        options: `EnvOptions` except `observation`.
+        options: `EnvOptions` except `observation`, `perspective` and `goal`.
 
     Raises:
         WrongArgumentError: An option is invalid.
@@ -136,12 +137,16 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         rules = EnvRules.of(task, options)
         if rules.observation is not EnvObservation.VECTOR:
             raise WrongArgumentError("observation: expected 'vector' for copies in one process")
+        if rules.goal or rules.perspective not in (None, Perspective.SHARED):
+            raise WrongArgumentError(
+                "perspective, goal: copies in one process have one agent and vectors of states only"
+            )
         self._copies = _copies_of(rules, num_envs)
         self._same_step = mode is AutoresetMode.SAME_STEP
         self.metadata = {"autoreset_mode": mode}
         self.num_envs = num_envs
         sizes = self._copies.view.sizes
-        self.single_observation_space = observation_space(EnvObservation.VECTOR, self._copies.view)
+        self.single_observation_space = vector_space(sizes)
         self._alone = len(sizes.actions) == 1
         self.single_action_space = (
             spaces.Discrete(sizes.actions[0])

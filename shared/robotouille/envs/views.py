@@ -11,10 +11,8 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
-from gymnasium.spaces import GraphInstance
 
 from robotouille.domain.task import Task
-from robotouille.envs.rules import EnvObservation
 from robotouille.errors import InapplicableError, MissingExtraError, WrongArgumentError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.shift import Orders
@@ -154,14 +152,6 @@ class ObservationView:
             return InapplicableError(f"action {number}", (missing,))
         return InapplicableError(action.sentence, self.world.unmet(state, action))
 
-    def observation(self, state: State, kind: EnvObservation, players: Sequence[str]) -> Any:
-        """Return the players' observation as text or as a graph."""
-        if kind is EnvObservation.TEXT:
-            return "\n\n".join(state.text_view(player) for player in players)
-        nodes, edges, counters = state.graph()
-        relations = edges[:, :1].astype(np.float32)
-        return GraphInstance(nodes, np.hstack([relations, counters]), edges[:, 1:])
-
 
 def _padded(array: npt.NDArray[Number], size: int) -> npt.NDArray[Number]:
     """Return an array padded with zeros to a size."""
@@ -211,14 +201,11 @@ def requested_view(
     raise WrongArgumentError(f"instance: expected one of {names}, found {wanted!r}")
 
 
-def observation_space(kind: EnvObservation, view: ObservationView) -> spaces.Space[Any]:
-    """Return the space of observations."""
-    if kind is EnvObservation.TEXT:
-        return spaces.Text(MAX_TEXT, min_length=0, charset=CHARACTERS)
-    if kind is EnvObservation.VECTOR:
-        return spaces.Box(-1.0, view.sizes.high, (view.sizes.vector,), np.float32)
-    encoding = view.world.encoding
-    high = max(view.sizes.high, len(encoding.relations))
-    nodes = spaces.Box(-1.0, high, (len(encoding.features),), np.float32)
-    edges = spaces.Box(-1.0, high, (1 + encoding.counters,), np.float32)
-    return spaces.Graph(nodes, edges)
+def text_space() -> spaces.Text:
+    """Return the space of texts."""
+    return spaces.Text(MAX_TEXT, min_length=0, charset=CHARACTERS)
+
+
+def vector_space(sizes: Sizes) -> spaces.Box:
+    """Return the space of states as vectors."""
+    return spaces.Box(-1.0, sizes.high, (sizes.vector,), np.float32)

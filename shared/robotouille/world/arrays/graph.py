@@ -67,8 +67,8 @@ class GraphLayout:
         self.features = (EXISTING, *task.task.domain.object_types, *plain, BUSY)
         static = [atom for atom in sorted(task.table.static) if self._node.keys() >= {*atom[1:]}]
         self._fixed = self._fixed_nodes(objects, [atom for atom in static if len(atom) < 3])
-        links = [link for atom in static for link in _links(atom, size)]
-        links += [link for what, place in places.items() for link in _links(what, place)]
+        links = [link for atom in static for link in links_of(atom, size)]
+        links += [link for what, place in places.items() for link in links_of(what, place)]
         self.relations = tuple(_relations(task))
         self.counters = max((_size(e) for s in task.schemas for e in s.definition.sfx), default=0)
         self._read_nodes(places, busy, {thing.name for thing in objects if thing.tile is None})
@@ -156,7 +156,7 @@ def _size(effect: EffectDef) -> int:
     return 1 if isinstance(effect, InstantEffect) else 1 + sum(map(_size, effect.sfx))
 
 
-def _links(what: Atom | Effect, place: int) -> Iterator[Link]:
+def links_of(what: Atom | Effect, place: int) -> Iterator[Link]:
     """Yield the edges of a fact or effect: from its first object to each other, or to itself."""
     if isinstance(what, Effect):
         action, index, arguments = what.label

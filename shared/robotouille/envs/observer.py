@@ -1,0 +1,192 @@
+"""Observations of agents: a state from an agent's perspective, with the goal (docs/train.md)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+from gymnasium.spaces import GraphInstance
+
+from robotouille.envs.play import Play
+from robotouille.envs.rules import EnvObservation, EnvRules, Perspective
+from robotouille.envs.views import ObservationView, Vector, text_space
+from robotouille.world.arrays.goal_graph import goal_graph
+from robotouille.world.arrays.graph import Graph
+
+SELF, GOAL = "self", "goal"
+"""Features of the agent's own player, and of things that the goal needs."""
+
+Places = npt.NDArray[np.intp]
+
+
+class Observer:
+    """Observations of the agents of an environment.
+
+    Args:
+        rules: The rules of the environment.
+        views: Its instances.
+        perspective: Difference between the agents.
+    """
+
+    def __init__(
+        self, rules: EnvRules, views: Sequence[ObservationView], perspective: Perspective
+    ) -> None:
+        self.kind = EnvObservation(rules.observation)
+        self._rules, self._views = rules, tuple(views)
+        self._perspective = perspective
+        self._goal = rules.goal
+        self._sizes = views[0].sizes
+        self._players = views[0].world.players
+        self._terms = max(len(view.world.goal.terms) for view in views) if rules.goal else 0
+        self._places: dict[ObservationView, tuple[Places, ...]] = {}
+        self._goals: dict[ObservationView, Graph] = {}
+        self._first = views[0]
+        self._state_size = self._sizes.vector
+        if perspective is Perspective.EGOCENTRIC:
+            self._state_size = max(len(_own_columns(view)) for view in views)
+
+    @cached_property
+    def columns(self) -> tuple[str, ...]:
+        """Names of a vector's numbers in the first instance; see `Encoding.columns`.
+
+        With several instances, numbers without a meaning in the first one are called `unused`.
+        """
+        egocentric = self._perspective is Perspective.EGOCENTRIC
+        own = _own_columns(self._first) if egocentric else self._first.world.encoding.columns
+        unused = ("unused",) * (self._state_size - len(own))
+        identity = self._perspective is Perspective.IDENTITY
+        selves = tuple(f"{SELF}({player})" for player in self._players) if identity else ()
+        return (*own, *unused, *selves, *(f"{GOAL}[{i}]" for i in range(self._terms)))
+
+    @cached_property
+    def features(self) -> tuple[str, ...]:
+        """Names of a graph node's numbers: `Encoding.features`, then `self` and `goal`."""
+        own = () if self._perspective is Perspective.SHARED else (SELF,)
+        return (*self._first.world.encoding.features, *own, *((GOAL,) if self._goal else ()))
+
+    def space(self) -> spaces.Space[Any]:
+        """Return the space of observations."""
+        if self.kind is EnvObservation.TEXT:
+            return text_space()
+        if self.kind is EnvObservation.VECTOR:
+            return spaces.Box(-1.0, self._sizes.high, (len(self.columns),), np.float32)
+        encoding = self._first.world.encoding
+        high = max(self._sizes.high, len(encoding.relations))
+        nodes = spaces.Box(-1.0, high, (len(self.features),), np.float32)
+        return spaces.Graph(nodes, spaces.Box(-1.0, high, (1 + encoding.counters,), np.float32))
+
+    def observe(self, play: Play, seat: int | None = None) -> Any:
+        """Return an observation of a game's state, as an object of its own.
+
+        Args:
+            seat: Seat of the agent, or None for an agent that controls all players.
+        """
+        if self.kind is EnvObservation.VECTOR:
+            return self._vector(play, seat)
+        players = self._players if seat is None else self._players[seat : seat + 1]
+        if self.kind is EnvObservation.TEXT:
+            return "\n\n".join(play.state.text_view(player) for player in players)
+        return self._graph(play, seat)
+
+    def _vector(self, play: Play, seat: int | None) -> Vector:
+        state = play.seen.vector
+        if self._perspective is Perspective.EGOCENTRIC and seat is not None:
+            state = np.append(state, np.float32(0))[self._places_of(play.view)[seat]]
+        parts = [state]
+        if self._perspective is Perspective.IDENTITY:
+            parts.append(np.arange(len(self._players), dtype=np.float32) == seat)
+        if self._goal:
+            holding = [holds for _, holds in play.state.world.goal_terms(play.state)]
+            parts.append(np.array(holding + [False] * (self._terms - len(holding)), np.float32))
+        return np.concatenate(parts, dtype=np.float32) if len(parts) > 1 else state.copy()
+
+    def _places_of(self, view: ObservationView) -> tuple[Places, ...]:
+        """Return, for each seat, the places in a padded vector of an agent's own columns."""
+        found = self._places.get(view)
+        if found is None:
+            found = self._places[view] = _places(view, self._state_size)
+        return found
+
+    def _graph(self, play: Play, seat: int | None) -> GraphInstance:
+        graph = play.state.graph()
+        marked = np.zeros(len(graph.nodes), dtype=np.float32)
+        if seat is not None and self._perspective is not Perspective.SHARED:
+            names = [thing.name for thing in play.view.world.encoding.objects]
+            order = [names.index(player) for player in self._players]
+            marked[order[seat]] = 1
+            if self._perspective is Perspective.EGOCENTRIC:
+                graph, marked = _turned(graph, marked, order, seat)
+        extra = [] if self._perspective is Perspective.SHARED else [marked]
+        nodes = np.column_stack([graph.nodes, *extra])
+        if self._goal:
+            graph, nodes = _with_goal(graph, nodes, self._goal_of(play.view))
+        relations = graph.edges[:, :1].astype(np.float32)
+        return GraphInstance(nodes, np.hstack([relations, graph.counters]), graph.edges[:, 1:])
+
+    def _goal_of(self, view: ObservationView) -> Graph:
+        found = self._goals.get(view)
+        if found is None:
+            found = self._goals[view] = goal_graph(view.world, view.world.encoding)
+        return found
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Observer, (self._rules, self._views, self._perspective)
+
+
+def _players_pattern(players: Sequence[str]) -> re.Pattern[str]:
+    # Columns are facts such as `loc(robot1, table3)`: a name before a bracket is a predicate.
+    return re.compile(rf"\b({'|'.join(map(re.escape, players))})\b(?!\()")
+
+
+def _renamed(columns: Sequence[str], players: Sequence[str], shift: int) -> list[str]:
+    """Return columns with each player replaced by the one that many seats later."""
+    later = {name: players[(i + shift) % len(players)] for i, name in enumerate(players)}
+    pattern = _players_pattern(players)
+    return [pattern.sub(lambda found: later[found[0]], column) for column in columns]
+
+
+def _own_columns(view: ObservationView) -> tuple[str, ...]:
+    """Return the columns of an agent's own vector, in which the first player is the agent.
+
+    Players that a counter divides have other facts, so the columns are those of all agents.
+    """
+    columns, players = view.world.encoding.columns, view.world.players
+    seats = range(len(players))
+    return tuple(dict.fromkeys(c for i in seats for c in _renamed(columns, players, -i)))
+
+
+def _places(view: ObservationView, size: int) -> tuple[Places, ...]:
+    columns, players = view.world.encoding.columns, view.world.players
+    place = {name: i for i, name in enumerate(columns)}
+    own = _own_columns(view)
+    nothing = view.sizes.vector  # The place of the zero after a padded vector.
+    found = np.full((len(players), size), nothing, dtype=np.intp)
+    for seat in range(len(players)):
+        found[seat, : len(own)] = [place.get(c, nothing) for c in _renamed(own, players, seat)]
+    return tuple(found)
+
+
+def _turned(graph: Graph, marked: Vector, order: Sequence[int], seat: int) -> tuple[Graph, Vector]:
+    """Return a graph in which the agent's player is in the place of the first one."""
+    old = np.arange(len(graph.nodes))
+    old[order] = [*order[seat:], *order[:seat]]
+    new = np.argsort(old)
+    edges = graph.edges.copy()
+    edges[:, 1:] = new[edges[:, 1:]]
+    return Graph(graph.nodes[old], edges, graph.counters), marked[old]
+
+
+def _with_goal(graph: Graph, nodes: Vector, goal: Graph) -> tuple[Graph, Vector]:
+    """Return a graph and its nodes with the nodes of a goal at the end."""
+    count, width = len(nodes), nodes.shape[1] + 1
+    all_nodes = np.zeros((count + len(goal.nodes), width), dtype=np.float32)
+    all_nodes[:count, :-1] = nodes
+    all_nodes[count:, : goal.nodes.shape[1]] = goal.nodes
+    all_nodes[count:, -1] = 1
+    edges = np.concatenate([graph.edges, goal.edges + np.array([0, count, count])])
+    return Graph(graph.nodes, edges, np.concatenate([graph.counters, goal.counters])), all_nodes
