@@ -19,6 +19,7 @@ from robotouille.planning import solve
 from robotouille.terminal import printable, tell
 from robotouille_client.console import explain, fail, terminable
 from robotouille_client.console.progress import progress_bar
+from robotouille_evaluation.packs.built_in import BUILT_IN, find_pack
 from robotouille_evaluation.packs.checking import (
     EXPANSIONS,
     KINDS,
@@ -28,7 +29,6 @@ from robotouille_evaluation.packs.checking import (
     with_instances,
 )
 from robotouille_evaluation.packs.differences import compare_packs, markdown_tables, text_tables
-from robotouille_evaluation.packs.own import NAME, SHIFTS, build_own_pack, build_shift_pack
 from robotouille_evaluation.packs.pack import Pack, PackInstance
 from robotouille_evaluation.packs.published_checkout import read_checkout
 from robotouille_evaluation.packs.store import default_folder, read_pack, write_pack
@@ -42,6 +42,9 @@ SAVE_SECONDS, LOG_SECONDS = 60.0, 30.0
 """Periods for saving proofs, and for lines of progress without a terminal."""
 
 FolderArgument = Annotated[Path, typer.Argument(help="Folder of a pack.")]
+PackArgument = Annotated[
+    Path, typer.Argument(help=f"Folder of a pack, or a built-in one: {', '.join(BUILT_IN)}.")
+]
 OutOption = Annotated[
     Path | None, typer.Option("--out", help="Folder to write to. Default: packs/NAME.")
 ]
@@ -90,14 +93,17 @@ def _tell_missing_tasks(found: Pack) -> None:
 @pack.command()
 def build(
     name: Annotated[
-        Literal["ours", "shifts"], typer.Argument(help="The tasks with goals, or the shifts.")
+        Literal["ours", "shifts", "paper"],
+        typer.Argument(
+            help="The tasks with goals, the shifts, or tasks with instances drawn as in the paper."
+        ),
     ] = "ours",
     out: OutOption = None,
     json_output: JsonOption = False,
 ) -> None:
     """Make a pack from the shipped tasks and their instances."""
     with _errors(), _bar("tasks") as progress:
-        built = build_shift_pack(progress) if name == SHIFTS else build_own_pack(progress)
+        built = BUILT_IN[name](progress)
         folder = _write(built, out)
     if json_output:
         typer.echo(json.dumps({**_row(built), "folder": str(folder)}, indent=2))
@@ -106,10 +112,10 @@ def build(
 
 
 @pack.command()
-def show(folder: FolderArgument, json_output: JsonOption = False) -> None:
+def show(pack: PackArgument, json_output: JsonOption = False) -> None:
     """Show the contents of a pack."""
     with _errors():
-        found = read_pack(folder)
+        found = find_pack(pack)
     if json_output:
         names = {
             "tasks": [{"task": task.name, "optimal": task.optimal} for task in found.tasks],
@@ -119,7 +125,7 @@ def show(folder: FolderArgument, json_output: JsonOption = False) -> None:
         }
         typer.echo(json.dumps({**_row(found), **names}, indent=2))
         return
-    _tell_pack(found, folder)
+    _tell_pack(found, pack)
     for task in found.tasks:
         instances = len(found.instances_of([task.name]))
         optimal = "" if task.optimal is None else f", {task.optimal} steps ({task.optimal_from})"
@@ -134,13 +140,13 @@ def show(folder: FolderArgument, json_output: JsonOption = False) -> None:
 
 
 @pack.command()
-def check(folder: FolderArgument, json_output: JsonOption = False) -> None:
+def check(pack: PackArgument, json_output: JsonOption = False) -> None:
     """Check the hashes, references, instances and plans of a pack.
 
     Exit status 1 if anything is invalid.
     """
     with _errors():
-        found = read_pack(folder)
+        found = find_pack(pack)
     with _bar("instances") as progress:
         faults = check_pack(found, progress)
     if json_output:
@@ -188,14 +194,14 @@ def prove(
 
 @pack.command()
 def diff(
-    a: Annotated[str, typer.Argument(help=f"Folder of a pack, or `{NAME}` for the built-in one.")],
-    b: Annotated[str, typer.Argument(help=f"Folder of another pack, or `{NAME}`.")],
+    a: PackArgument,
+    b: PackArgument,
     markdown: Annotated[bool, typer.Option("--markdown", help="Print Markdown.")] = False,
     json_output: JsonOption = False,
 ) -> None:
     """Show the differences between two packs: goals, layouts, words, optima and budgets."""
     with _errors():
-        found = compare_packs(_pack(a), _pack(b))
+        found = compare_packs(find_pack(a), find_pack(b))
     if json_output:
         typer.echo(json.dumps(asdict(found), indent=2))
     elif found.none:
@@ -206,12 +212,6 @@ def diff(
         console = Console(highlight=False)
         for table in text_tables(found):
             console.print(table)
-
-
-def _pack(name: str) -> Pack:
-    if name == NAME and not Path(name).is_dir():
-        return build_own_pack()
-    return read_pack(Path(name))
 
 
 def _write(made: Pack, out: Path | None) -> Path:

@@ -17,11 +17,11 @@ from robotouille_evaluation.agents.custom import asks_a_model, is_custom
 from robotouille_evaluation.agents.making import OWN_STRATEGIES, STRATEGY_WORDS, make_strategy
 from robotouille_evaluation.cli.models import ModelChoice, check_model
 from robotouille_evaluation.cli.run_options import RunOptions
+from robotouille_evaluation.packs.built_in import find_pack, is_built_in
 from robotouille_evaluation.packs.delay_free import delay_free
 from robotouille_evaluation.packs.experiment import Experiment
 from robotouille_evaluation.packs.own import pack_with
 from robotouille_evaluation.packs.pack import InstanceKind, Pack, PackInstance
-from robotouille_evaluation.packs.store import read_pack
 from robotouille_evaluation.realtime import LatePolicy
 from robotouille_evaluation.runs import AgentSpec, EpisodeJob, JobOptions, RealTime, plan_jobs
 from robotouille_evaluation.runs.budgets import BudgetedInstances, with_budget
@@ -75,7 +75,7 @@ def plan_run(out: Path, options: RunOptions) -> PlannedRun:
     for experiment in settings:
         for job in _jobs(pack, options, experiment, real_time):
             jobs.setdefault(_episode(pack, job), job)
-    own_folder = options.pack is None or options.variant == "delay-free"
+    own_folder = folder == (out / "pack").resolve()
     return PlannedRun(pack, folder, tuple(jobs.values()), own_folder)
 
 
@@ -118,10 +118,11 @@ def _real_time(options: RunOptions) -> RealTime | None:
 
 def _pack(out: Path, options: RunOptions) -> tuple[Path, Pack]:
     """Return the pack and its folder. A run keeps a copy of a built-in pack."""
-    if options.pack is not None:
-        return options.pack.resolve(), read_pack(options.pack)
-    names = _words(options.datasets) or _words(options.tasks)
-    return (out / "pack").resolve(), pack_with(names)
+    copy = (out / "pack").resolve()
+    if options.pack is None:
+        return copy, pack_with(_words(options.datasets) or _words(options.tasks))
+    folder = copy if is_built_in(options.pack) else options.pack.resolve()
+    return folder, find_pack(options.pack)
 
 
 def _without_delays(pack: Pack, chosen: Sequence[PackInstance], seats: int | None) -> Pack:

@@ -68,9 +68,12 @@ class RunOptions(WorkerOptions, ModelOptions):
     ] = ""
     pack: Annotated[
         Path | None,
-        typer.Option("--pack", help="Folder of a pack (`robotouille pack build`). "
-                     "Default: the built-in pack with the data sets or tasks."),
-    ] = None  # fmt: skip
+        typer.Option(
+            "--pack",
+            help="Folder of a pack, or a built-in one: ours, shifts, or paper (instances drawn as "
+            "in the paper). Default: the built-in pack with the data sets or tasks.",
+        ),
+    ] = None
     datasets: Annotated[
         str,
         typer.Option(help="Datasets. Default: all of the pack. `shifts` are a pack of their own."),

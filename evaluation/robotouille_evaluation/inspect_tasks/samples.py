@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import nan
-from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, get_args
 
 from inspect_ai.dataset import MemoryDataset, Sample
@@ -18,9 +17,9 @@ from robotouille.terminal import tell
 from robotouille_evaluation.agents.making import PAPER_REACT
 from robotouille_evaluation.metrics.outcomes import optimality_rate, score_share, succeeded
 from robotouille_evaluation.metrics.rows import ResultRow
-from robotouille_evaluation.packs.own import SHIFTS, build_own_pack, build_shift_pack
+from robotouille_evaluation.packs.built_in import find_pack
+from robotouille_evaluation.packs.own import NAME, SHIFTS
 from robotouille_evaluation.packs.pack import InstanceKind, Pack
-from robotouille_evaluation.packs.store import read_pack
 from robotouille_evaluation.runs.budgets import GoalBudget, with_budget
 from robotouille_evaluation.runs.job_list import AgentSpec, EpisodeJob, JobOptions, plan_jobs
 
@@ -94,12 +93,9 @@ def of_distribution(function: Callable[P, R]) -> Callable[P, R]:
 
 
 @lru_cache(maxsize=2)
-def load_pack(folder: str) -> Pack:
-    """Return the pack of a folder, else the built-in pack of shifts or of tasks with goals."""
-    # The name is that of the built-in pack, even next to a folder with that name.
-    if folder == SHIFTS:
-        return build_shift_pack()
-    return read_pack(Path(folder)) if folder else build_own_pack()
+def load_pack(name: str) -> Pack:
+    """Return the built-in pack with a name, by default `ours`, or the pack of a folder."""
+    return find_pack(name or NAME)
 
 
 def as_words(words: Words) -> tuple[str, ...]:

@@ -206,10 +206,21 @@ def _build(pack: str, progress: Progress | None) -> Pack:
         instances += found
         if progress is not None:
             progress(number, len(names))
-    text = canonical_json(domain.model_dump(mode="json", by_alias=True, exclude_unset=True))
-    prompts = own_prompts(domain, shifts=shifts)
     examples = own_examples(EXAMPLE_OF_SHIFTS) if shifts else own_examples()
-    return Pack(pack, VERSION, text, tuple(tasks), tuple(instances), prompts, examples)
+    return Pack(
+        pack,
+        VERSION,
+        canonical_domain(domain),
+        tuple(tasks),
+        tuple(instances),
+        own_prompts(domain, shifts=shifts),
+        examples,
+    )
+
+
+def canonical_domain(domain: DomainFile) -> str:
+    """Return the text of a domain for a pack."""
+    return canonical_json(domain.model_dump(mode="json", by_alias=True, exclude_unset=True))
 
 
 def instance_id(task: str, kind: InstanceKind, seed: int | None = None) -> str:
