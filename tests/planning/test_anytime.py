@@ -132,3 +132,18 @@ def test_no_expansions_give_only_a_bound() -> None:
     world = World("synchronous/01")
     *_, answer = AnytimePlanner(world).search(world.initial, Limits(expansions=0), beam=0)
     assert (answer.plan, answer.unsolvable, answer.bound) == (None, False, 8)
+
+
+def test_general_search_stops_when_asked_and_forgets_what_it_had_not_found() -> None:
+    # In a kitchen with a hundred equal objects, this search takes half a minute.
+    world = World("multi_agent/01@2")
+    anytime, asked = AnytimePlanner(world), 0
+
+    def stop() -> bool:
+        nonlocal asked
+        asked += 1
+        return asked > 20
+
+    stopped = anytime.first(world.initial, Limits(stop=stop), team=["robot1"])
+    assert (stopped.plan, asked) == (None, 22)
+    assert anytime.first(world.initial, team=["robot1"]).plan is not None

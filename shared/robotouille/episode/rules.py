@@ -32,7 +32,8 @@ def _check_budget(seconds: float) -> float:
 
 # These limits hold for every client of a public server, so they bound its work: at most 60 steps a
 # second for an episode, and at most 90 days open.
-StepRate = Annotated[float, Field(ge=0.01, le=60)]
+MIN_STEP_RATE = 0.01
+StepRate = Annotated[float, Field(ge=MIN_STEP_RATE, le=60)]
 MoveBudget = Annotated[float, Field(ge=0, le=86_400), AfterValidator(_check_budget)]
 MaxSteps = Annotated[int, Field(ge=1, le=1_000_000)]
 Grace = Annotated[float, Field(ge=0, le=86_400)]

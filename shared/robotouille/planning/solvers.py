@@ -47,6 +47,8 @@ EXPANSIONS_PER_STATE = 4
 
 T = TypeVar("T")
 
+Stop = Callable[[], bool] | None
+
 
 class Search(StrEnum):
     """Kind of search.
@@ -77,8 +79,8 @@ def solve(
         start: A state of this world.
         search: `optimal`, `anytime` or `beam`. An anytime plan ignores the timing profile: see
             `AnytimePlanner`.
-        limits: Limits of the search. A beam search only uses `expansions`; its default takes about
-            half a second.
+        limits: Limits of the search. A beam search only uses `expansions`, whose default takes
+            about half a second, and `stop`.
         watch: Callback of an optimal search.
 
     Returns:
@@ -115,7 +117,7 @@ def check_has_goal(world: World) -> None:
 
 def _beam(world: World, start: State, limits: Limits) -> SearchResult:
     expansions = EXPANSIONS if limits.expansions is None else limits.expansions
-    found = BeamPlanner(world).solve(start, expansions=expansions)
+    found = BeamPlanner(world).solve(start, expansions=expansions, stop=limits.stop)
     plan = found.plan if found.reached else None
     return SearchResult(plan, 0, Proof.NONE, PLANNER, found.expansions)
 
@@ -137,10 +139,13 @@ class _Recent(Generic[T]):
     def __init__(self) -> None:
         self._answers: OrderedDict[_Query, T] = OrderedDict()
 
-    def get(self, query: _Query, search: Callable[[], T]) -> T:
-        """Return the cached result, or the result of a search."""
+    def get(self, query: _Query, search: Callable[[], T], stop: Stop) -> T:
+        """Return the cached result, or the result of a search, which may be stopped."""
         if query not in self._answers:
-            self._answers[query] = search()
+            found = search()
+            if stop is not None and stop():
+                return found  # A search with more time would find more.
+            self._answers[query] = found
             if len(self._answers) > MAX_KEPT:
                 self._answers.popitem(last=False)
         self._answers.move_to_end(query)
@@ -219,7 +224,7 @@ class AnytimePlanner:
 
         Args:
             state: A state of the task with any timing.
-            limits: Limits of the plug-in's search.
+            limits: Limits of the plug-in's search. All searches use `stop`.
             seed: Seed of the beam search. Other seeds lead to other plans.
             beam: Approximate number of expansions of a beam search.
             choices: Choices of objects for the goal that a beam search tries if the first has no
@@ -238,13 +243,13 @@ class AnytimePlanner:
         search = self._domain_search(start, team)
         at_once = search.greedy(limits) if search is not None else None
         query = _Query(start, tuple(sorted(team)), seed, beam, choices, brief)
-        result = at_once or self._general(query)
+        result = at_once or self._general(query, limits.stop)
         yield result
         if search is None or result.optimal or result.unsolvable:
             return
         better = _joined(result, search.improve(result.plan, limits))
         if at_once is not None and better.plan is None and not better.unsolvable and beam:
-            better = _joined(better, self._general(query))
+            better = _joined(better, self._general(query, limits.stop))
         yield better
 
     def towards(
@@ -263,7 +268,7 @@ class AnytimePlanner:
         """
         team = tuple(sorted(team))
         query = _Query(self.in_model(state), team, seed, beam, choices, brief)
-        return self._beam_search(query).plan
+        return self._beam_search(query, None).plan
 
     @cached_property
     def _domain_planner(self) -> DomainPlanner | None:
@@ -281,19 +286,19 @@ class AnytimePlanner:
         planner = self._domain_planner
         return None if planner is None else planner.anytime(self.model, start)
 
-    def _general(self, query: _Query) -> SearchResult:
+    def _general(self, query: _Query, stop: Stop) -> SearchResult:
         """Return a plan by beam search, or by greedy search."""
-        solution = self._beam_search(query)
+        solution = self._beam_search(query, stop)
         plan = solution.plan if solution.reached else None
         result = SearchResult(plan, 0, Proof.NONE, PLANNER, solution.expansions)
         # In a domain without a plug-in, the beam search's heuristic may miss what matters. But in a
         # shift, the greedy search takes 10 to 50 s, for which no game waits.
         if plan is not None or query.brief or self._domain_planner is not None:
             return result
-        greedy = self._greedy_search(query)
+        greedy = self._greedy_search(query, stop)
         return replace(greedy, expansions=solution.expansions + greedy.expansions)
 
-    def _beam_search(self, query: _Query) -> Solution:
+    def _beam_search(self, query: _Query, stop: Stop) -> Solution:
         def solve(choices: int) -> Solution:
             return self._planner.solve(
                 query.start,
@@ -301,6 +306,7 @@ class AnytimePlanner:
                 seed=query.seed,
                 expansions=query.expansions,
                 choices=choices,
+                stop=stop,
             )
 
         def search() -> Solution:
@@ -311,17 +317,17 @@ class AnytimePlanner:
             other = solve(query.choices)
             return other if other.reached else found
 
-        return self._solutions.get(query, search)
+        return self._solutions.get(query, search, stop)
 
-    def _greedy_search(self, query: _Query) -> SearchResult:
+    def _greedy_search(self, query: _Query, stop: Stop) -> SearchResult:
         def search() -> SearchResult:
-            limits = Limits(states=query.expansions // EXPANSIONS_PER_STATE)
+            limits = Limits(states=query.expansions // EXPANSIONS_PER_STATE, stop=stop)
             found = greedy_search(self.model, query.start, team=query.team, limits=limits)
             if found.plan is None:
                 return found
             return replace(found, plan=eliminate_actions(found.plan, query.start))
 
-        return self._greedy.get(query, search)
+        return self._greedy.get(query, search, stop)
 
 
 def _joined(old: SearchResult, new: SearchResult) -> SearchResult:

@@ -177,7 +177,11 @@ class BeamSearch:
         self._options: dict[tuple[GroundAction, ...], list[GroundAction]] = {}
 
     def run(self, style: SearchStyle, seed: int, limit: int, expansions: int) -> BeamResult:
-        """Search for plans shorter than `limit` steps with at most `expansions`."""
+        """Search for plans shorter than `limit` steps with at most `expansions`.
+
+        Raises:
+            StoppedError: The heuristic's context has to stop.
+        """
         start = self._start
         goal = self._heuristic.goal
         if start.facts & goal == goal:
@@ -259,6 +263,7 @@ class BeamSearch:
 
     def _scored(self, nodes: Iterable[BeamNode]) -> Iterator[BeamNode]:
         for facts, timers, parent, joint, _, actions in nodes:
+            self._heuristic.check_stop()
             yield BeamNode(facts, timers, parent, joint, self._score(facts, timers), actions)
 
     def _select(self, nodes: Iterator[BeamNode]) -> list[BeamNode]:

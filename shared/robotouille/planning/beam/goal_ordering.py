@@ -37,7 +37,9 @@ class Ordering:
     def __init__(self, context: HeuristicContext, binding: GoalBinding) -> None:
         self._world = context.world
         if len(context.world.players) > 1:
+            stop = context.stop
             context = HeuristicContext(World(replace(context.world.task, seats=1)))
+            context.stop = stop
             context.refresh()
         self._context = context
         self._goal = context.world.goal

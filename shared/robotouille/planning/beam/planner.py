@@ -8,7 +8,8 @@ if solution.reached:
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from robotouille.planning.beam.beam_search import BeamResult, BeamSearch, Relevance, SearchStyle
@@ -18,6 +19,7 @@ from robotouille.planning.beam.remaining_work_heuristic import (
     GoalBinding,
     HeuristicContext,
     RemainingWork,
+    StoppedError,
 )
 from robotouille.planning.plan import Plan, eliminate_actions
 from robotouille.world.grounding.atoms import bits_of
@@ -110,6 +112,7 @@ class _Chooser:
         """Return the expected work of a choice."""
         atoms: list[Atom] = self._goal.atoms(binding)
         total = 0.0
+        self._context.check_stop()
         for atom in atoms:
             if not self._table.holds(atom, self._facts):
                 total += 0.01
@@ -224,16 +227,30 @@ class BeamPlanner:
         seed: int = 0,
         expansions: int = EXPANSIONS,
         choices: int = 1,
+        stop: Callable[[], bool] | None = None,
     ) -> Solution:
         """Return a plan for the players of `team` (by default all), while the others do nothing.
 
         At least one search runs, and more until `expansions` are used. `choices` is the number of
-        choices of objects to try. Equal arguments give equal plans.
+        choices of objects to try. `stop` returns whether to stop at once. Equal arguments give
+        equal plans, unless `stop` ends the search.
         """
         if state.goal_reached:
             return Solution(Plan(()), True, 0.0, 0)
         players = tuple(p for p in self._world.players if p in team or not team)
-        searches = [s for s in self._searches(state, players, choices) if s is not None]
+        found: tuple[BeamResult | None, int] = (None, 0)
+        self._context.stop = stop
+        with suppress(StoppedError):
+            for better in self._bests(state, players, (seed, expansions, choices)):
+                found = better
+        return self._solution(state, *found)
+
+    def _bests(
+        self, state: State, players: tuple[str, ...], effort: tuple[int, int, int]
+    ) -> Iterator[tuple[BeamResult, int]]:
+        """Yield the best result so far and the expansions spent, after each search."""
+        seed, expansions, choices = effort
+        searches = list(self._searches(state, players, choices))
         best: BeamResult | None = None
         spent = 0
         for style, number in _styles(len(players)):
@@ -246,7 +263,7 @@ class BeamPlanner:
             found = search.run(style, seed + number, limit, most - spent)
             spent += found.expansions + 1
             best = _better(best, found)
-        return self._solution(state, best, spent)
+            yield best, spent
 
     def _solution(self, state: State, best: BeamResult | None, spent: int) -> Solution:
         if best is None:

@@ -6,7 +6,7 @@ running timers had ended, and subtracts the performed part of repeated actions.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from robotouille.planning.beam.domain_analysis import DomainAnalysis
@@ -109,8 +109,18 @@ class GoalPart:
         return None
 
 
+class StoppedError(Exception):
+    """The caller of a search asked it to stop."""
+
+
 class HeuristicContext:
-    """The projections of a world, created on demand and cached."""
+    """The projections of a world, created on demand and cached.
+
+    Attributes:
+        stop: Function of the current search that returns whether to stop.
+    """
+
+    stop: Callable[[], bool] | None = None
 
     def __init__(self, world: World) -> None:
         self.world = world
@@ -136,6 +146,11 @@ class HeuristicContext:
             self.forecast = Forecaster(self.world)
             self._parts.clear()
             self._supporters.clear()
+
+    def check_stop(self) -> None:
+        """Raise StoppedError if the search has to stop. Everything cached stays valid."""
+        if self.stop is not None and self.stop():
+            raise StoppedError
 
     def parts(self, atoms: list[Atom], facts: int) -> list[GoalPart]:
         """Return the parts of a goal. Each atom belongs to the first movable object it mentions."""
@@ -168,6 +183,8 @@ class HeuristicContext:
         key = (names, goal, hosted)
         part = self._parts.get(key)
         if part is None:
+            # In a kitchen with a hundred equal objects, a part takes a hundredth of a second.
+            self.check_stop()
             focus = tuple(name for name in names if name)
             guests: list[Atom | None] = [*sorted(hosted)] or [None]
             projections = [Projection(self.analysis, focus, goal, guest) for guest in guests]
@@ -238,6 +255,7 @@ class RemainingWork:
         atoms = world.goal.atoms(binding) if atoms is None else atoms
         rules = rules or {}
         self.parts = context.parts(atoms, facts)
+        self.check_stop = context.check_stop
         self.goal = world.table.mask(atoms)
         self._kept = kept
         self._rules = list(rules.values())

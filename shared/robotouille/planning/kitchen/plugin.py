@@ -227,7 +227,7 @@ def _team_plan(world: World, start: State, limits: Limits) -> Plan | None:
     for team in (players, *pairs):
         if limits.stop is not None and limits.stop():
             break
-        solution = planner.solve(start, team, expansions=BEAM)
+        solution = planner.solve(start, team, expansions=BEAM, stop=limits.stop)
         if solution.reached:
             plans.append(solution.plan)
     return min(plans, key=len, default=None)
