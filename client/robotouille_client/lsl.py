@@ -66,7 +66,9 @@ def markers(event: GameEvent, step: int) -> Iterator[str]:
         step: The current step of the game.
     """
     for row in _rows(event):
-        text = json.dumps({"step": step, **row}, ensure_ascii=False, separators=(",", ":"))
+        # Programs may record a marker for hours, and a hostile server's texts have megabytes.
+        short = {k: v[:MAX_WORDS] if isinstance(v, str) else v for k, v in row.items()}
+        text = json.dumps({"step": step, **short}, ensure_ascii=False, separators=(",", ":"))
         yield printable_json(text)  # LSL cannot encode half of a surrogate pair.
 
 
@@ -88,7 +90,8 @@ def _rows(event: GameEvent) -> Iterator[dict[str, Any]]:
 
 
 MAX_WORDS = 500
-"""Maximum length of a description, which LSL sends to every program that looks for streams."""
+"""Maximum length of a text of the server: of a description, which LSL sends to every program that
+looks for streams, and of a marker's value."""
 
 
 class Outlet(Protocol):

@@ -382,3 +382,19 @@ def test_step_is_added_to_the_roster_unless_a_substitute_acted() -> None:
     assert [(seat.acted, seat.rejected) for seat in (one, other)] == [(4, 3), (5, 2)]
     for controller in (Controller.ABSENT, Controller.SUBSTITUTE):
         assert step.tallied(seats(controller))[1].acted == 4
+
+
+def test_rules_and_outcomes_have_their_usual_fields(server: ScriptedServer) -> None:
+    """A hostile server may leave them out, and bots and tools read them."""
+    game = GameReplica(server.joined())
+    game.receive(server.snapshot(clock={}), 0.0)
+    assert {"clock", "step_rate", "max_steps", "thinking"} <= game.clock.keys()
+    game.receive(messages.Ended(step=0, hash="x", outcome={}), 1.0)
+    assert game.outcome == {"reason": "", "steps": 0}
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, 1e-300])
+def test_step_rate_too_low_to_compute_with_is_refused(server: ScriptedServer, rate: float) -> None:
+    game = GameReplica(server.joined())
+    with pytest.raises(ProtocolError, match="invalid step rate"):
+        game.receive(server.snapshot(clock={"step_rate": rate}), 0.0)

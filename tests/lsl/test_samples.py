@@ -111,3 +111,9 @@ def test_server_texts_are_safe_for_lsl() -> None:
     texts = [each for call in library.mock_calls for each in call.args if isinstance(each, str)]
     assert "robotouille-e\ufffd\ufffd-steps" in texts
     assert all(each.isprintable() and len(each) <= 600 for each in texts)
+
+
+def test_markers_shorten_long_texts() -> None:
+    (ended,) = markers(GameEnded({"reason": "x" * 1_000_000}, ""), 1)
+    (phase,) = markers(RosterChanged("y" * 1_000_000, ()), 1)
+    assert max(len(ended), len(phase)) < 1_000

@@ -12,6 +12,7 @@ from typing import Any, TypedDict, Unpack
 
 from robotouille.domain.task import Task
 from robotouille.episode.quota import MAX_NOTE
+from robotouille.episode.rules import MIN_STEP_RATE, Clock
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
@@ -49,6 +50,10 @@ CHAT_ERRORS = frozenset({
 # The rules allow at most this many steps. A larger number from a faulty server would make clients
 # that keep a row for each step allocate without limit.
 MAX_STEP = 1_000_000
+# Every server sends these rules. A hostile one may leave them out, or send others.
+USUAL_RULES: Mapping[str, Any] = {
+    "clock": Clock.LOCKSTEP, "step_rate": 5.0, "max_steps": MAX_STEP, "thinking": "wall",
+}  # fmt: skip
 # No window shows more names, and a list of thousands would cost memory in every client.
 MAX_SPECTATOR_NAMES = 8
 # Number of deltas after which an unanswered `resync` is sent again.
@@ -424,7 +429,7 @@ class GameReplica:
         self._reader = self._read_state(message)
         self._resyncing = False
         self.step, self.phase, self.turn = message.step, message.phase, message.turn
-        self.seats, self.clock = self._checked_seats(message.seats), message.clock
+        self.seats, self.clock = self._checked_seats(message.seats), _checked(message.clock)
         self.left, self.step_time = message.left, now
         self.pause = message.pause
         self._show_audience(message, now)
@@ -545,7 +550,8 @@ class GameReplica:
         )
 
     def _finish(self, outcome: Mapping[str, Any]) -> None:
-        self.outcome, self.phase = outcome, "ended"
+        self.outcome = {"reason": "", "steps": self.step, **outcome}
+        self.phase = "ended"
         self._end(str(outcome.get("reason", "")))
 
     def _end(self, reason: str, code: str = "") -> None:
@@ -562,3 +568,16 @@ class GameReplica:
 
     def _emit(self, event: GameEvent) -> None:
         self._events.append(event, self._message_size)
+
+
+def _checked(rules: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return rules with usual values for missing ones.
+
+    Raises:
+        ProtocolError: The step rate is too low to compute with.
+    """
+    rules = {**USUAL_RULES, **rules}
+    if rules["step_rate"] < MIN_STEP_RATE:
+        fault = f"invalid step rate {rules['step_rate']}"
+        raise ProtocolError(ErrorCode.STATE_MISMATCH, fault)
+    return rules
