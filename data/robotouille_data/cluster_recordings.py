@@ -2,7 +2,8 @@
 
 The nodes of a cluster store closed recordings in a JetStream object store. An object has one
 message with its description, and its content in further messages. Anyone who can write to NATS
-chooses both, so descriptions are checked like other input and bound the size of contents.
+chooses both, so descriptions are checked like other input and bound the size of contents. The
+address may belong to another program, so the answers of the server are checked too.
 """
 
 from __future__ import annotations
@@ -12,8 +13,14 @@ import base64
 import hashlib
 import json
 import re
-from collections.abc import AsyncGenerator, AsyncIterator, Callable
-from contextlib import AbstractContextManager, aclosing, asynccontextmanager, suppress
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterator
+from contextlib import (
+    AbstractContextManager,
+    aclosing,
+    asynccontextmanager,
+    contextmanager,
+    suppress,
+)
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event
@@ -22,10 +29,11 @@ from typing import Any
 from nats.aio.client import Client
 from nats.aio.msg import Msg
 from nats.errors import Error as NatsError
-from nats.errors import NoRespondersError
+from nats.errors import NoRespondersError, ProtocolError
 from nats.js import JetStreamContext
 from nats.js.api import ConsumerConfig, DeliverPolicy
 from nats.js.errors import NotFoundError
+from nats.protocol.parser import Parser
 
 from robotouille.domain.files import whole_file
 from robotouille.nats_address import NatsAddress
@@ -39,6 +47,13 @@ MAX_NAME = 200
 """Characters of a file name. Most file systems permit 255, and a draft has a longer name."""
 MAX_CHUNKS = 262_144
 """Messages of an object's content. The library writes 128 KiB into each."""
+MAX_MESSAGE = 8 * 1024 * 1024
+"""Bytes of a message. NATS recommends this limit to its operators."""
+MAX_DESCRIPTION = 65_536
+MAX_DESCRIPTIONS = 32 * 1024 * 1024
+"""Bytes of descriptions in memory. Further ones are read by the next call."""
+ENTRY_BYTES = 1000
+"""Approximate size of the objects that Python needs for a description."""
 NO_STREAM = 10059
 """NATS's error code for a missing stream."""
 _ID = re.compile(r"[A-Za-z0-9_-]{1,64}")
@@ -135,37 +150,46 @@ class ClusterRecordings:
     async def _changed(self, js: JetStreamContext) -> tuple[int, list[tuple[str, Description]]]:
         """Return the store's last sequence number, and new descriptions with their subjects."""
         try:
-            info = await js.stream_info(self._stream)
+            with _valid_answers():
+                info = await js.stream_info(self._stream)
+                last = int(info.state.last_seq)
         except NotFoundError as error:
             if error.err_code != NO_STREAM:
                 raise
             text = f"NATS has no object store {self._bucket}; the nodes of the cluster create it"
             raise UnavailableError(text) from None
-        last = info.state.last_seq
         if info.created != self._created or last < self._after:
             # An operator deleted the store, and a node created another one.
             self._created, self._after = info.created, 0
         found: dict[str, Description] = {}
+        size = 0
         if last > self._after:
             begin = ConsumerConfig(
                 deliver_policy=DeliverPolicy.BY_START_SEQUENCE, opt_start_seq=self._after + 1
             )
             async with aclosing(self._messages(js, f"$O.{self._bucket}.M.>", begin)) as messages:
                 async for message in messages:
-                    found[message.subject] = message.metadata.sequence.stream, message.data
+                    sequence = message.metadata.sequence.stream
+                    found[message.subject] = sequence, message.data[: MAX_DESCRIPTION + 1]
+                    size += len(found[message.subject][1]) + len(message.subject) + ENTRY_BYTES
+                    if size > MAX_DESCRIPTIONS:
+                        last = sequence
+                        break
         return last, sorted(found.items(), key=lambda each: each[1][0])
 
     async def _messages(
         self, js: JetStreamContext, subject: str, config: ConsumerConfig
     ) -> AsyncGenerator[Msg, None]:
         """Yield the messages of a subject that exist now."""
-        messages = await js.subscribe(
-            subject, stream=self._stream, ordered_consumer=True, config=config
-        )
+        with _valid_answers():
+            messages = await js.subscribe(
+                subject, stream=self._stream, ordered_consumer=True, config=config
+            )
         try:
-            info = await messages.consumer_info()
-            delivered = info.delivered.consumer_seq if info.delivered is not None else 0
-            waiting = delivered + (info.num_pending or 0)
+            with _valid_answers():
+                info = await messages.consumer_info()
+                delivered = info.delivered.consumer_seq if info.delivered is not None else 0
+                waiting = int(delivered) + int(info.num_pending or 0)
             while waiting:
                 message = await messages.next_msg(timeout=ANSWER_SECONDS)
                 waiting = message.metadata.num_pending
@@ -184,7 +208,8 @@ class ClusterRecordings:
                 self._found.files += 1
         except _FaultError as error:
             # The content of an object disappears when the object is replaced or deleted.
-            latest = await js.get_last_msg(self._stream, subject)
+            with _valid_answers():
+                latest = await js.get_last_msg(self._stream, subject)
             if latest.seq == sequence:
                 self._found.faults[_shown_name(subject)] = str(error)
 
@@ -217,6 +242,8 @@ def _described(subject: str, data: bytes) -> _Object | None:
     Raises:
         _FaultError: The description is invalid, or is not that of a closed recording.
     """
+    if len(data) > MAX_DESCRIPTION:
+        raise _FaultError("its description is too long")
     try:
         found = json.loads(data)
     except (ValueError, RecursionError):
@@ -266,6 +293,32 @@ def _shown_name(subject: str) -> str:
 # Connection
 
 
+INVALID = (AttributeError, LookupError, RecursionError, TypeError, ValueError)
+
+
+@contextmanager
+def _valid_answers() -> Iterator[None]:
+    """Report answers of the server that the library cannot read, and does not check.
+
+    Raises:
+        UnavailableError: The answer is invalid.
+    """
+    try:
+        yield
+    except INVALID as error:
+        raise UnavailableError(f"NATS: the server's answer is invalid: {error}") from None
+
+
+class _BoundedParser(Parser):
+    """Parser that ends the connection before a message of any announced length fills the memory."""
+
+    async def parse(self, data: bytes = b"") -> None:
+        await super().parse(data)
+        if max(self.needed, len(self.buf)) > MAX_MESSAGE:
+            self.reset()
+            raise ProtocolError
+
+
 @asynccontextmanager
 async def _errors() -> AsyncIterator[None]:
     try:
@@ -282,6 +335,8 @@ async def _errors() -> AsyncIterator[None]:
 @asynccontextmanager
 async def _connected(address: NatsAddress) -> AsyncIterator[Client]:
     client, reasons = Client(), [""]
+    # The library has no option for a limit.
+    client._ps = _BoundedParser(client)
 
     async def failed(error: Exception) -> None:
         reasons.append(str(error) or type(error).__name__)
@@ -304,7 +359,7 @@ async def _connected(address: NatsAddress) -> AsyncIterator[Client]:
                     error_cb=failed,
                     **options,
                 )
-        except (TimeoutError, OSError, NatsError, ValueError) as error:
+        except (TimeoutError, OSError, NatsError, *INVALID) as error:
             reason = reasons[-1] or str(error) or "no answer"
             text = f"cannot connect to NATS at {', '.join(address.servers)}: {reason}"
             raise UnavailableError(text) from None
