@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from rich.console import Console
 from tests.support.brokers import Mosquitto, missing, mosquitto
 
-from benchmarks.server import OURS, Bench, Row, load, print_rows
+from benchmarks.server import OURS, Bench, Row, load, own_cores, print_rows
 from robotouille import World
 from robotouille.episode import ActionRequest, Episode, Rules, Stepped
 from robotouille_client.loadtest.worker_pool import keep_to_cores
@@ -133,7 +133,7 @@ def main(arguments: list[str] | None = None) -> None:
     if missing():
         console.print(f"MQTT: {missing()}")
         return
-    everyone = tuple(range(os.cpu_count() or 1))
+    everyone = own_cores()
     clients = everyone[1:] or everyone
     bench = Bench(options.seconds, None, everyone[:1], clients, console)
     keep_to_cores(clients if hasattr(os, "sched_setaffinity") else ())

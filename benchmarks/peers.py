@@ -4,9 +4,10 @@
     python -m benchmarks.peers --without-colyseus --a tree=../before --b tree=../after
 
 The servers are measured in turns in one run, so that other load on the machine affects all of
-them. Each runs on core 0, and the clients run on the other cores. Each room has two players: one
-sends one input per step, and the other watches. Both servers check the inputs and append each
-step to the room's file before they send it. `benchmarks/colyseus` has the room and the bots.
+them. Each runs on the first core of this process, and the clients run on its other cores. Each
+room has two players: one sends one input per step, and the other watches. Both servers check the
+inputs and append each step to the room's file before they send it. `benchmarks/colyseus` has the
+room and the bots.
 
 The clients of this server count a step as late if it arrives 50 ms after the room's schedule. The
 rooms of Colyseus have no schedule, because each interval begins when the previous one was handled.
@@ -37,7 +38,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.server import BARE, LATE, OURS, Bench, Build, load, running
+from benchmarks.server import BARE, LATE, OURS, Bench, Build, load, own_cores, running
 from robotouille_client.loadtest.load_test import SETTLE_SECONDS
 from robotouille_client.loadtest.report import BUSY_LIMIT, LAG_LIMIT
 from robotouille_client.loadtest.server_monitor import ServerProcess, ServerSample
@@ -94,12 +95,13 @@ def cpu_at(samples: Sequence[ServerSample], at: float) -> float:
 
 def install(console: Console) -> Path | None:
     """Return a folder with the programs and libraries of Colyseus, or None without Node."""
-    if missing := [name for name in ("node", "npm") if shutil.which(name) is None]:
-        console.print(f"{' and '.join(missing)} not found: comparing with {BARE}", style="yellow")
-        return None
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     wanted = hashlib.sha256((PROGRAMS / "package.json").read_bytes()).hexdigest()[:12]
     folder = cache / "robotouille-benchmarks" / f"colyseus-{wanted}"
+    needed = ("node",) if (folder / ".installed").is_file() else ("node", "npm")
+    if missing := [name for name in needed if shutil.which(name) is None]:
+        console.print(f"{' and '.join(missing)} not found: comparing with {BARE}", style="yellow")
+        return None
     # The programs are copied, because Node looks for libraries next to the program only.
     shutil.copytree(PROGRAMS, folder, dirs_exist_ok=True)
     if (folder / ".installed").is_file():
@@ -222,7 +224,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--b", type=parse_build, metavar="BUILD", help="second build, like --a")
     parser.add_argument("--without-colyseus", action="store_true", help="measure only the builds")
     options = parser.parse_args(arguments)
-    cores = tuple(range(os.cpu_count() or 1))
+    cores = own_cores()
     clients = cores[1:] or cores
     # A file or pipe gets whole lines.
     console = Console(width=None if sys.stdout.isatty() else 160)

@@ -55,7 +55,9 @@ class Build:
 
     def variables(self) -> dict[str, str]:
         """Return environment variables with which Python imports the packages of the tree."""
-        folders = (str(self.tree / name) for name in ("shared", "server", "client", "data"))
+        folders = [str(self.tree / name) for name in ("shared", "server", "client", "data")]
+        # Libraries may be there, too.
+        folders += filter(None, [os.environ.get("PYTHONPATH")])
         return {"PYTHONPATH": os.pathsep.join(folders), **self.environment}
 
 
@@ -84,6 +86,13 @@ class Row:
     ours: str
     bare: str
     met: bool | None = None
+
+
+def own_cores() -> tuple[int, ...]:
+    """Return the cores on which this process may run."""
+    if hasattr(os, "sched_getaffinity"):
+        return tuple(sorted(os.sched_getaffinity(0)))
+    return tuple(range(os.cpu_count() or 1))
 
 
 @contextmanager
@@ -266,8 +275,8 @@ def storm(bench: Bench, count: int) -> list[Row]:
 def workers(bench: Bench, rooms: int, rate: float) -> list[Row]:
     """Measure two worker processes that share the port."""
     title = f"{rooms:,} episodes at {rate:g} steps/s, two workers"
-    count = os.cpu_count() or 1
-    cores = bench.servers + ((count - 1,) if count > 2 else ())
+    own = bench.clients
+    cores = bench.servers + (own[-1:] if len(own) > 1 else ())
     wide = Bench(bench.seconds, bench.out, cores, bench.clients, bench.console)
     report = load(OURS, wide, title, ("--workers", "2"), rooms=rooms, rate=rate, ramp=rooms / 60)
     age = report.figures["durations"].get("delta age")
@@ -315,7 +324,7 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
-    everyone = tuple(range(os.cpu_count() or 1))
+    everyone = own_cores()
     clients = everyone[1:] or everyone
     bench = Bench(options.seconds, options.out, everyone[:1], clients, Console())
     keep_to_cores(clients if hasattr(os, "sched_setaffinity") else ())

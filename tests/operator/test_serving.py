@@ -92,6 +92,14 @@ async def test_missing_library_is_reported_with_the_extra(
                 pass
 
 
+def test_server_without_the_extra_can_ask_for_the_page() -> None:
+    # The server asks, and learns from `operator_view` that libraries are missing.
+    without = "import sys; sys.modules.update(dict.fromkeys(('fastapi', 'starlette', 'uvicorn')))"
+    program = f"{without}; import robotouille_server.operator"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 @virtual
 async def test_streams_are_limited_until_one_closes(tmp_path: Path) -> None:
     async with viewing(tmp_path) as (_, _, api):

@@ -7,14 +7,15 @@ from collections import OrderedDict
 from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
 from functools import partial
 from http import HTTPStatus
-from typing import Any, ParamSpec, TypeVar
-
-from starlette.requests import Request
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from robotouille_server.operator.principal import RequestRefusedError
 from robotouille_server.runtime.budgets import TokenBucket
 from robotouille_server.transport import LoopBudget
 from robotouille_server.transport.loop_budget import LOOP_BUDGET
+
+if TYPE_CHECKING:  # A server without the extra `operator` imports this module, too.
+    from starlette.requests import Request
 
 HEAVY_JOBS = 2
 """Jobs that read recordings at the same time. More would compete with the event loop for the

@@ -9,8 +9,10 @@ from __future__ import annotations
 import asyncio
 import os
 import urllib.request
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from tests.programs.cluster_drill.cluster import Cluster, Node, cpu_seconds, running_cluster
@@ -21,7 +23,7 @@ __all__ = ["run_throughput"]
 
 WARM_SECONDS = 3.0
 RATE = 5.0
-SPARE_CORES = 2
+SPARE_CORES = 1
 """Cores that players and NATS servers need for themselves."""
 
 
@@ -41,14 +43,13 @@ class Cost:
 async def run_throughput(plan: Plan, folder: Path, say: Callable[[str], None]) -> Result:
     """Measure one node with `plan.games` episodes, then several nodes with as many each."""
     result = Result()
-    alone = await _measure(replace(plan, nodes=1), folder / "one", result, say)
-    together = await _measure(
-        replace(plan, games=plan.games * plan.nodes), folder / "all", result, say
-    )
+    measure = partial(_measure, result=result, say=say)
+    with _cores_of_nodes(plan.nodes) as cores:
+        alone = await measure(replace(plan, nodes=1), folder / "one", cores)
+        whole = replace(plan, games=plan.games * plan.nodes)
+        together = await measure(whole, folder / "all", cores)
     one, several = alone[0].capacity, sum(cost.capacity for cost in together)
-    cores = os.cpu_count() or 1
-    pinned = cores >= plan.nodes + SPARE_CORES
-    how = "each node had a core" if pinned else f"computed from CPU time, on {cores} cores"
+    how = "each node had a core" if cores else "nodes shared cores with other programs"
     result.rows += [
         ("method", f"realtime episodes of two players at {RATE:g} steps/s; {how}"),
         ("one node", f"{one:.0f} steps per CPU second, {one / RATE:.0f} episodes"),
@@ -61,12 +62,12 @@ async def run_throughput(plan: Plan, folder: Path, say: Callable[[str], None]) -
 
 
 async def _measure(
-    plan: Plan, folder: Path, result: Result, say: Callable[[str], None]
+    plan: Plan, folder: Path, cores: list[int], result: Result, say: Callable[[str], None]
 ) -> list[Cost]:
     evidence = folder / "told"
     evidence.mkdir(parents=True)
     async with running_cluster(folder, plan.nodes) as cluster:
-        _pin(cluster.nodes)
+        _pin(cluster.nodes, cores)
         crowd = Crowd(
             cluster.url, evidence, plan.seed, (100_000, 100_000), result.faults, mix="steady"
         )
@@ -113,8 +114,20 @@ def _steps(node: Node) -> float:
     return sum(float(line.split()[1]) for line in lines if line.startswith("robotouille_steps_t"))
 
 
-def _pin(nodes: list[Node]) -> None:
-    """Give each node a core, if there are enough."""
-    if (os.cpu_count() or 1) >= len(nodes) + SPARE_CORES:
-        for core, node in enumerate(nodes):
-            os.sched_setaffinity(node.process.pid, {core})
+def _pin(nodes: list[Node], cores: list[int]) -> None:
+    """Give each node a core, with all its threads."""
+    for node, core in zip(nodes, cores, strict=False):
+        for thread in Path(f"/proc/{node.process.pid}/task").iterdir():
+            os.sched_setaffinity(int(thread.name), {core})
+
+
+@contextmanager
+def _cores_of_nodes(nodes: int) -> Iterator[list[int]]:
+    """Yield cores for the nodes, if there are enough, and keep all other programs off them."""
+    cores = sorted(os.sched_getaffinity(0))
+    own = cores[:nodes] if len(cores) >= nodes + SPARE_CORES else []
+    os.sched_setaffinity(0, cores[len(own) :])
+    try:
+        yield own
+    finally:
+        os.sched_setaffinity(0, cores)
