@@ -2,13 +2,14 @@
 
 Each environment plays three random walks: one in a new world with empty caches, a new walk after
 five others, and a repeated walk. Training lies between the last two. The time to choose actions is
-not counted.
+not counted. `reset` with a new instance is measured too.
 """
 
 from __future__ import annotations
 
 import gc
 import pickle
+import statistics
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,10 +22,12 @@ from robotouille import World
 from robotouille.compiling import COMPILED
 from robotouille.envs import RobotouilleEnv, RobotouilleVectorEnv, parallel_env
 
-__all__ = ["EnvironmentRow", "main", "measure"]
+__all__ = ["EnvironmentRow", "ResetRow", "main", "measure", "measure_resets"]
 
 STEPS = 4000
 COPIES = 64
+RESETS = 200
+RESET_TASKS = ("synchronous/01", "asynchronous/10", "multi_agent/01@2", "multi_agent/10@4")
 
 AIMS = {
     ("gymnasium", "synchronous/01"): 150_000,
@@ -125,6 +128,40 @@ def measure(interface: str, task: str) -> EnvironmentRow:
     return EnvironmentRow(interface, task, cold * copies, warmed * copies, again * copies)
 
 
+@dataclass(frozen=True)
+class ResetRow:
+    """Milliseconds of processor time for `reset` with a new instance, and seconds to make one."""
+
+    task: str
+    made: float
+    median: float
+    worst: float
+
+
+def measure_resets(task: str, count: int = RESETS) -> ResetRow:
+    """Measure how long an environment with endless instances takes to begin an episode."""
+    begun = time.process_time()
+    env = parallel_env(task, instances="endless")
+    made = time.process_time() - begun
+    env.reset(seed=0, options={"instance": 0})  # The first one also fills the world's caches.
+    first = time.process_time() - begun - made
+    times = [first]
+    for _ in range(count):
+        begun = time.process_time()
+        env.reset()
+        times.append(time.process_time() - begun)
+    return ResetRow(task, made, 1000 * statistics.median(times), 1000 * max(times))
+
+
+def print_resets() -> None:
+    print(f"New instances: `reset` of PettingZoo environments ({RESETS} resets)")
+    print(f"{'':32}{'make':>12}{'median':>12}{'worst':>12}{'target':>18}")
+    for task in RESET_TASKS:
+        row = measure_resets(task)
+        figures = f"{row.made:10.1f} s{row.median:9.1f} ms{row.worst:9.1f} ms"
+        print(f"{task:32}{figures}{'20 ms, 200 ms':>18}")
+
+
 def main() -> list[EnvironmentRow]:
     rows = [measure(interface, task) for interface, task in AIMS]
     engine = "batch engine is" if COMPILED else "batch engine is not"
@@ -135,6 +172,7 @@ def main() -> list[EnvironmentRow]:
         figures = f"{row.cold:12,.0f}{row.warmed:12,.0f}{row.again:12,.0f}"
         print(f"{row.interface + ', ' + row.task:32}{figures}{f'{aim:,}' if aim else '':>12}")
     print(f"{'Overcooked-AI (not measured)':32}{'':36}{OVERCOOKED:>12,}")
+    print_resets()
     world = World("multi_agent/10@4")
     state = world.initial
     packed, pickled = len(world.pack(state)), len(pickle.dumps(state))

@@ -68,6 +68,15 @@ def test_environments(interface: str, task: str, monkeypatch: pytest.MonkeyPatch
     assert min(row.cold, row.warmed, row.again) > 0
 
 
+def test_resets_of_environments() -> None:
+    pytest.importorskip("gymnasium")
+    pytest.importorskip("pettingzoo")
+    from benchmarks import environments
+
+    row = environments.measure_resets("synchronous/01", count=3)
+    assert 0 < row.median <= row.worst
+
+
 def test_batch_engine() -> None:
     row = batch.measure("synchronous/01", steps=60, copies=4)
     assert min(row.world, row.world_masks, row.batch, row.batch_masks, row.batch_vectors) > 0

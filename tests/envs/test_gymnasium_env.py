@@ -153,7 +153,7 @@ def test_unknown_actions_are_rejected() -> None:
         ({"observation": "pixels"}, "observation: expected one of 'vector', 'graph', 'text'"),
         ({"reward": "dense"}, "reward: expected one of 'sparse', 'shaped'"),
         ({"invalid": "ignore"}, "invalid: expected one of 'reject', 'raise'"),
-        ({"instances": "all"}, "instances: expected 'generated' or a list"),
+        ({"instances": "all"}, "instances: expected 'generated', 'endless' or a list"),
         ({"instances": ["multi_agent/01@2"]}, "has 2 seats"),
         ({"render_mode": "human"}, "render_mode"),
         ({"observations": "text"}, "unknown option 'observations'; did you mean 'observation'"),

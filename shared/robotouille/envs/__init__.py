@@ -18,6 +18,7 @@ except ImportError:
     raise MissingExtraError("robotouille.envs", "rl") from None
 
 from robotouille.envs.gymnasium_env import RobotouilleEnv, env_id, register_envs
+from robotouille.envs.levels import Level
 from robotouille.envs.pettingzoo_env import RobotouilleParallelEnv, aec_env, parallel_env
 from robotouille.envs.rules import (
     EnvObservation,
@@ -33,6 +34,7 @@ __all__ = [
     "EnvObservation",
     "EnvOptions",
     "InvalidAction",
+    "Level",
     "Perspective",
     "Reward",
     "RobotouilleEnv",

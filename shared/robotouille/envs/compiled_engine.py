@@ -12,6 +12,7 @@ import numpy as np
 from robotouille.batch.batch_world import BatchWorld
 from robotouille.batch.single_copy import RuleTables, SingleCopy
 from robotouille.batch.tables import Ints
+from robotouille.envs.instances import first_state
 from robotouille.envs.rules import (
     ActionRows,
     BatchStepResult,
@@ -26,7 +27,6 @@ from robotouille.envs.views import (
     ObservationView,
     ObservedState,
     Vector,
-    requested_view,
 )
 from robotouille.errors import SlotOverflowError
 from robotouille.world.world import State
@@ -54,8 +54,10 @@ class BatchCopies:
     def begin(
         self, which: Bools, randoms: Sequence[np.random.Generator], options: dict[str, Any] | None
     ) -> None:
-        requested_view((self.view,), options)
         self._batch.reset(which)
+        for copy in np.flatnonzero(which).tolist() if options or self._rules.endless else ():
+            first = first_state(self._rules, (self.view,), self.view, randoms[copy], options)[1]
+            self._batch.set_state(copy, first)
         self._steps[which] = 0
         self.over = self.over & ~which
 
@@ -130,13 +132,16 @@ def _restored(
 class BatchRollout:
     """A rollout in the batch engine, which computes `state` on demand."""
 
-    def __init__(self, view: ObservationView) -> None:
+    def __init__(self, view: ObservationView, first: State) -> None:
         self._view = view
-        ends = np.cumsum([0, *view.sizes.actions]).tolist()
+        counts = view.sizes.actions[: len(view.world.players)]
+        ends = np.cumsum([0, *counts]).tolist()
         self._parts = [slice(first, last) for first, last in pairwise(ends)]
         self._copy = SingleCopy(_tables_of(view), ends[:-1])
-        self._state = view.world.initial
+        self._state = first
         self._since: list[Numbers] = []
+        if first is not view.world.initial:
+            self._copy.set_state(first)
         self.seen = self._look(self._state.goal_reached)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -188,7 +193,7 @@ class BatchRollout:
 def _restored_copy(
     view: ObservationView, row: Ints, state: State, since: Sequence[Numbers], reached: bool
 ) -> BatchRollout:
-    rollout = BatchRollout(view)
+    rollout = BatchRollout(view, view.world.initial)
     rollout.restore(row, state, since, reached)
     return rollout
 

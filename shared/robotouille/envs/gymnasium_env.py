@@ -15,7 +15,7 @@ from robotouille.domain.loading import task_names
 from robotouille.domain.task import Task
 from robotouille.envs.observer import Observer
 from robotouille.envs.play import Play
-from robotouille.envs.rules import EnvOptions, EnvRules, Perspective
+from robotouille.envs.rules import EnvOptions, EnvRules, Perspective, refuse_smaller_teams
 from robotouille.envs.views import picture
 from robotouille.errors import WrongArgumentError
 from robotouille.world.world import State, World
@@ -88,6 +88,7 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
                 f"render_mode: expected one of {RENDER_MODES}, found {render_mode!r}"
             )
         rules = EnvRules.of(task, options)
+        refuse_smaller_teams(rules)
         if rules.perspective not in (None, Perspective.SHARED):
             raise WrongArgumentError(
                 f"perspective: {rules.perspective} needs one agent per player; see parallel_env"
@@ -140,10 +141,11 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
 
         Args:
             seed: Seed for the choice among `instances`; nothing else is random.
-            options: `instance`: the name or number of the instance to play.
+            options: `instance`: the name or number of the instance to play. `level`: the number of
+                the level to play from now on.
 
         Raises:
-            WrongArgumentError: The environment has no such instance.
+            WrongArgumentError: The environment has no such instance or level.
         """
         super().reset(seed=seed)
         play = self._play

@@ -14,7 +14,7 @@ from gymnasium.spaces import GraphInstance
 
 from robotouille.envs.play import Play
 from robotouille.envs.rules import EnvObservation, EnvRules, Perspective
-from robotouille.envs.views import ObservationView, Vector, text_space
+from robotouille.envs.views import ObservationView, Vector, largest_team, text_space
 from robotouille.world.arrays.goal_graph import goal_graph
 from robotouille.world.arrays.graph import Graph
 
@@ -41,7 +41,7 @@ class Observer:
         self._perspective = perspective
         self._goal = rules.goal
         self._sizes = views[0].sizes
-        self._players = views[0].world.players
+        self._players = largest_team(views)
         self._terms = max(len(view.world.goal.terms) for view in views) if rules.goal else 0
         self._places: dict[ObservationView, tuple[Places, ...]] = {}
         self._goals: dict[ObservationView, Graph] = {}
@@ -88,7 +88,7 @@ class Observer:
         """
         if self.kind is EnvObservation.VECTOR:
             return self._vector(play, seat)
-        players = self._players if seat is None else self._players[seat : seat + 1]
+        players = play.players if seat is None else play.players[seat : seat + 1]
         if self.kind is EnvObservation.TEXT:
             return "\n\n".join(play.state.text_view(player) for player in players)
         return self._graph(play, seat)
@@ -117,7 +117,7 @@ class Observer:
         marked = np.zeros(len(graph.nodes), dtype=np.float32)
         if seat is not None and self._perspective is not Perspective.SHARED:
             names = [thing.name for thing in play.view.world.encoding.objects]
-            order = [names.index(player) for player in self._players]
+            order = [names.index(player) for player in play.players]
             marked[order[seat]] = 1
             if self._perspective is Perspective.EGOCENTRIC:
                 graph, marked = _turned(graph, marked, order, seat)

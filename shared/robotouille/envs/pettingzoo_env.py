@@ -16,7 +16,7 @@ from robotouille.domain.task import Task
 from robotouille.envs.observer import Observer
 from robotouille.envs.play import Play
 from robotouille.envs.rules import EnvOptions, EnvRules, Perspective
-from robotouille.envs.views import Mask, picture, vector_space
+from robotouille.envs.views import Mask, largest_team, picture, vector_space
 from robotouille.errors import WrongArgumentError
 from robotouille.world.world import State, World
 
@@ -48,13 +48,13 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
             )
         rules = EnvRules.of(task, options)
         self._play = Play(rules)
-        alone = len(self._play.players) == 1
+        alone = len(largest_team(self._play.views)) == 1
         default = Perspective.SHARED if alone else Perspective.IDENTITY
         perspective = Perspective(rules.perspective or default)
         self._observer = Observer(rules, self._play.views, perspective)
         self._random = np.random.default_rng()
         self.render_mode = render_mode
-        self.possible_agents = list(self._play.players)
+        self.possible_agents = list(largest_team(self._play.views))
         self.agents: list[str] = []
         self._seat = {player: i for i, player in enumerate(self.possible_agents)}
         view = self._play.view
@@ -117,7 +117,7 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
         if seed is not None:
             self._random = np.random.default_rng(seed)
         self._play.begin(self._random, options)
-        self.agents = list(self.possible_agents)
+        self.agents = list(self._play.players)
         valid = (True,) * len(self.agents)
         return self._observations(), self._infos(valid)
 

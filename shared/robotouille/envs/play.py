@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from robotouille.envs.instances import first_state
 from robotouille.envs.rules import (
     EnvRules,
     InvalidAction,
@@ -24,7 +25,6 @@ from robotouille.envs.views import (
     Numbers,
     ObservationView,
     ObservedState,
-    requested_view,
     views_of,
 )
 from robotouille.errors import RobotouilleError, WrongArgumentError
@@ -53,9 +53,9 @@ class Rollout(Protocol):
 class WorldRollout:
     """A rollout in the world, which caches the arrays of known states."""
 
-    def __init__(self, view: ObservationView) -> None:
+    def __init__(self, view: ObservationView, first: State) -> None:
         self._view = view
-        self.state: State = view.world.initial
+        self.state = first
         self.seen: ObservedState = view.seen(self.state)
 
     def take(self, numbers: Numbers) -> tuple[bool, ...]:
@@ -87,13 +87,17 @@ class Play:
         shaped = rules.reward is Reward.SHAPED
         self._potential = (rules.potential or StepsToGoPotential()) if shaped else None
         self._worth = 0.0
-        self._begin: Callable[[ObservationView], Rollout] = WorldRollout
+        self._begin: Callable[[ObservationView, State], Rollout] = WorldRollout
         # Several players hardly ever reach a state again, so the world's caches do not help. A
         # single player often does.
-        if len(self.players) > 1 and engine_plays(rules):
+        if len(self.players) > 1 and engine_plays(rules, self.view.world):
             from robotouille.envs.compiled_engine import BatchRollout
 
             self._begin = BatchRollout
+            if rules.endless:
+                # The engine's tables take up to seconds, for which no reset shall wait.
+                for view in self.views:
+                    BatchRollout(view, view.world.initial)
 
     @property
     def state(self) -> State:
@@ -121,15 +125,12 @@ class Play:
         """Begin an episode of the requested instance, or of a random one.
 
         Raises:
-            WrongArgumentError: The environment has no such instance, or the potential of its first
-                state is not finite.
+            WrongArgumentError: The environment has no such instance or level, or the potential of
+                its first state is not finite.
         """
-        wanted = requested_view(self.views, options)
-        if wanted is not None:
-            self.view = wanted
-        elif len(self.views) > 1:
-            self.view = self.views[int(random.integers(len(self.views)))]
-        self._rollout = rollout = self._begin(self.view)
+        self.view, first = first_state(self.rules, self.views, self.view, random, options)
+        self.players = self.view.world.players
+        self._rollout = rollout = self._begin(self.view, first)
         self._seen = rollout.seen
         self.steps, self.over = 0, False
         if self._potential is not None:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from robotouille.domain.loading import load_task
 from robotouille.domain.task import Task
+from robotouille.envs.levels import Level
 from robotouille.errors import RobotouilleError, WrongArgumentError, did_you_mean
 from robotouille.planning.plan import Limits
 from robotouille.planning.solvers import AnytimePlanner
@@ -63,6 +64,9 @@ class StepsToGoPotential:
         *_, result = planner.search(state, LIMITS, beam=BEAM_EXPANSIONS)
         return result.length
 
+
+ENDLESS = "endless"
+"""Value of `instances` for a new first state in each episode."""
 
 MAX_STEPS = 300
 """Default number of steps after which an episode of a task with a goal is truncated."""
@@ -131,7 +135,10 @@ class EnvOptions(TypedDict, total=False):
     - `max_steps`: the step budget, after which an episode is truncated; by default the length of a
       shift, and 300 for other tasks.
     - `instances`: other instances (tasks or names) from which `reset` chooses, in addition to the
-      task; or `generated` for the shipped ones (`Task.instances()`).
+      task; or `generated` for the shipped ones (`Task.instances()`); or `endless` for a new first
+      state in each episode (`shuffled`).
+    - `levels`: kitchens for the task. `reset(options={"level": i})` selects one until the next such
+      call; the first one is selected at the beginning.
     - `slots`: the room in arrays for created objects of each kind; see `World`.
     """
 
@@ -145,6 +152,7 @@ class EnvOptions(TypedDict, total=False):
     invalid: InvalidAction | str
     max_steps: int | None
     instances: Sequence[Task | str] | str
+    levels: Sequence[Level]
     slots: Mapping[str, int] | None
 
 
@@ -167,6 +175,7 @@ class EnvRules:
     invalid: InvalidAction | str = InvalidAction.REJECT
     max_steps: int | None = None
     instances: Sequence[Task | str] | str = ()
+    levels: Sequence[Level] = ()
     slots: Mapping[str, int] | None = None
 
     @classmethod
@@ -191,6 +200,8 @@ class EnvRules:
             object.__setattr__(
                 self, "perspective", _one_of(Perspective, "perspective", self.perspective)
             )
+        if not all(isinstance(level, Level) for level in self.levels):
+            raise WrongArgumentError(f"levels: expected a list of Level, found {self.levels!r}")
         if not isinstance(self.goal, bool):
             raise WrongArgumentError(f"goal: expected True or False, found {self.goal!r}")
         limit = self.max_steps
@@ -203,6 +214,11 @@ class EnvRules:
         if not (_is_number(self.weight) and math.isfinite(self.weight)):
             raise WrongArgumentError(f"weight: expected a number, found {self.weight!r}")
 
+    @property
+    def endless(self) -> bool:
+        """True if each episode begins in a new first state."""
+        return isinstance(self.instances, str) and self.instances == ENDLESS
+
     def step_limit(self, world: World) -> int:
         """Return the step budget of an episode in a world."""
         if self.max_steps is not None:
@@ -210,10 +226,11 @@ class EnvRules:
         return MAX_STEPS if world.shift is None else world.shift.steps
 
     def tasks(self) -> tuple[Task, ...]:
-        """Return the task, then the other instances.
+        """Return the task and then the other instances, or the task at each level.
 
         Raises:
-            WrongArgumentError: Some instance has another number of players.
+            WrongArgumentError: Some instance has another number of players, or a level is
+                impossible.
             UnknownTaskError: The task or an instance does not exist.
             FileError: A task's files are invalid.
         """
@@ -222,11 +239,17 @@ class EnvRules:
             raise WrongArgumentError("reward: 'shaped' needs a goal; a shift rewards points")
         if task.problem.shift is not None and self.goal:
             raise WrongArgumentError("goal: a shift has no goal; its orders are in vectors already")
+        if self.levels:
+            if self.instances not in ((), ENDLESS):
+                raise WrongArgumentError("levels: they need instances='endless' or none")
+            return tuple(level.task_for(task) for level in self.levels)
+        if self.endless:
+            return (task,)
         if isinstance(self.instances, str):
             if self.instances != "generated":
                 found = repr(self.instances)
                 raise WrongArgumentError(
-                    f"instances: expected 'generated' or a list, found {found}"
+                    f"instances: expected 'generated', 'endless' or a list, found {found}"
                 )
             others = [load_task(name, seats=task.seats) for name in task.instances()]
         else:
@@ -260,14 +283,14 @@ def is_compiled() -> bool:
     return COMPILED
 
 
-def engine_plays(rules: EnvRules) -> bool:
-    """Return whether the batch engine plays under an environment's rules."""
+def engine_plays(rules: EnvRules, world: World) -> bool:
+    """Return whether the batch engine plays a world under an environment's rules."""
     # Graphs, texts, goals and potentials need a `State` in each step, which the engine would have
     # to build.
     vectors = rules.observation is EnvObservation.VECTOR and not rules.goal
     if not (vectors and rules.reward is Reward.SPARSE and is_compiled()):
         return False
-    return all(task.problem.shift is None for task in rules.tasks())
+    return world.shift is None
 
 
 ActionRows = npt.NDArray[np.int64]
@@ -302,3 +325,15 @@ def not_reset_error() -> RobotouilleError:
 def no_such_action_error(player: str, count: int, number: int) -> WrongArgumentError:
     """Return the error for an action number that does not exist."""
     return WrongArgumentError(f"{player} has {count} actions, found number {number}")
+
+
+def refuse_smaller_teams(rules: EnvRules) -> None:
+    """Check that all levels have as many players as the task.
+
+    Raises:
+        WrongArgumentError: Some level has fewer.
+    """
+    if any(level.seats is not None for level in rules.levels):
+        raise WrongArgumentError(
+            "levels: only parallel_env and aec_env play levels with other numbers of seats"
+        )

@@ -25,6 +25,7 @@ from robotouille.envs.rules import (
     StepsToGoPotential,
     engine_plays,
     not_reset_error,
+    refuse_smaller_teams,
 )
 from robotouille.envs.views import Mask, ObservationView, Vector, vector_space, views_of
 from robotouille.errors import WrongArgumentError
@@ -135,6 +136,7 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         if options.get("reward") == Reward.SHAPED:
             options.setdefault("potential", StepsToGoPotential())
         rules = EnvRules.of(task, options)
+        refuse_smaller_teams(rules)
         if rules.observation is not EnvObservation.VECTOR:
             raise WrongArgumentError("observation: expected 'vector' for copies in one process")
         if rules.goal or rules.perspective not in (None, Perspective.SHARED):
@@ -243,7 +245,7 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
 def _copies_of(rules: EnvRules, number: int) -> Copies:
     """Return copies under an environment's rules, in the batch engine if possible."""
     views = views_of(rules.tasks(), rules.slots)
-    if len(views) > 1 or not engine_plays(rules):
+    if len(views) > 1 or not engine_plays(rules, views[0].world):
         return PlayedCopies(rules, views, number)
     from robotouille.envs.compiled_engine import BatchCopies
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from importlib.metadata import EntryPoint
+from itertools import zip_longest
 from operator import and_
 from typing import Any, NamedTuple, TypeVar
 
@@ -13,7 +14,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from robotouille.domain.task import Task
-from robotouille.errors import InapplicableError, MissingExtraError, WrongArgumentError
+from robotouille.errors import InapplicableError, MissingExtraError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.shift import Orders
 from robotouille.world.timers import Timers
@@ -173,32 +174,18 @@ def _shared_view(world: World, sizes: Sizes) -> ObservationView:
 def views_of(tasks: Sequence[Task], slots: Any = None) -> tuple[ObservationView, ...]:
     """Return the views of instances, all with the sizes of the largest one."""
     worlds = [shared_world(task, slots) for task in tasks]
-    seats = range(len(worlds[0].players))
+    counts = [[len(world.ground_actions(player)) for player in world.players] for world in worlds]
     sizes = Sizes(
         max(world.encoding.size for world in worlds),
         max(world.encoding.high for world in worlds),
-        tuple(max(len(w.ground_actions(w.players[i])) for w in worlds) for i in seats),
+        tuple(map(max, zip_longest(*counts, fillvalue=0))),
     )
     return tuple(_shared_view(world, sizes) for world in worlds)
 
 
-def requested_view(
-    views: Sequence[ObservationView], options: Mapping[str, Any] | None
-) -> ObservationView | None:
-    """Return the instance that a reset's options request by task, name or number, or None.
-
-    Raises:
-        WrongArgumentError: The instance does not exist.
-    """
-    wanted = (options or {}).get("instance")
-    if wanted is None:
-        return None
-    for number, view in enumerate(views):
-        task = view.world.task
-        if wanted in (number, task.name) or (isinstance(wanted, Task) and wanted == task):
-            return view
-    names = ", ".join(view.world.task.name for view in views)
-    raise WrongArgumentError(f"instance: expected one of {names}, found {wanted!r}")
+def largest_team(views: Sequence[ObservationView]) -> tuple[str, ...]:
+    """Return the players of the instance that has most of them."""
+    return max((view.world.players for view in views), key=len)
 
 
 def text_space() -> spaces.Text:
