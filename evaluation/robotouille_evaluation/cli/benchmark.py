@@ -9,6 +9,7 @@ import typer
 
 from robotouille.terminal import options_from, printable, tell
 from robotouille_client.console import failing
+from robotouille_evaluation.cli.examples import examples
 from robotouille_evaluation.cli.results import agreement, compare, report
 from robotouille_evaluation.cli.run_options import ResumeOptions, RunOptions, WorkerOptions
 
@@ -23,7 +24,7 @@ benchmark = typer.Typer(
     no_args_is_help=True, help="Evaluate agents on packs of tasks: run, resume, report, compare."
 )
 
-for command in (report, compare, agreement):
+for command in (report, compare, agreement, examples):
     benchmark.command()(command)
 
 

@@ -16,7 +16,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, get_args
 
-from robotouille import State, Task, World, load_task, task_names
+from robotouille import Task, World, load_task, task_names
 from robotouille.certification.certificate import certificate_path, read_certificate
 from robotouille.certification.dataset import SUFFIX
 from robotouille.domain.files import is_file, read_json, validate
@@ -26,10 +26,13 @@ from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille.generation.generator import paper_tasks
 from robotouille.installation import data_folder
 from robotouille.planning import read_plan
+from robotouille_evaluation.packs.example_episodes import (
+    ExampleChoice,
+    episodes_by_form,
+    example_sets,
+)
 from robotouille_evaluation.packs.pack import (
-    ExampleEpisode,
     Examples,
-    ExampleStep,
     InstanceKind,
     KnownPlan,
     Pack,
@@ -45,7 +48,6 @@ NAMES = (
 )
 BETWEEN = "\n---\n"
 PLACEHOLDERS = ("kitchen", "rules", "shift")
-OMITTED = "..."
 
 
 def own_prompts(domain: DomainFile, *, shifts: bool = False) -> tuple[Prompt, ...]:
@@ -76,57 +78,25 @@ def _text(name: str) -> str:
 def own_examples(*datasets: str) -> tuple[Examples, ...]:
     """Return examples by form of answer, such as `synchronous/react`, of some or all datasets."""
     raw = json.loads((files(__package__) / "prompts/examples.json").read_text(encoding="utf-8"))
-    found = []
+    found: list[Examples] = []
     for dataset, example in raw.items():
-        if datasets and dataset not in datasets:
-            continue
-        world, plan = _training_plan(example["task"])
-        for form, steps in (
-            ("react", tuple(_react(world, plan, example["reasoning"]))),
-            ("io", (_io(world, plan),)),
-            ("io-cot", (_io_cot(world, plan),)),
-        ):
-            episode = ExampleEpisode(example["task"], steps)
-            found.append(Examples(f"{dataset}/{form}", (episode,)))
+        if not datasets or dataset in datasets:
+            task = example["task"]
+            choices = _training_choices(task, example["reasoning"])
+            found += example_sets(dataset, [episodes_by_form(task, choices)])
     return tuple(found)
 
 
-def _training_plan(name: str) -> tuple[World, list[Any]]:
-    """Return the world of a training task and the actions of its plan."""
+def _training_choices(name: str, reasoning: list[str]) -> list[ExampleChoice]:
+    """Return the choices of the plan of a training task."""
     world = World(load_task(name))
     path = data_folder("problems") / f"{name}.plan"
     plan = read_plan(path.read_text(encoding="utf-8"), world, str(path))
-    return world, [step[0] for step in plan]
-
-
-def _react(world: World, plan: list[Any], reasoning: list[str]) -> Iterator[ExampleStep]:
-    state: State = world.initial
-    goal = f"Goal: {world.task.goal_description}"
-    seen = state.text_view(world.players[0])
-    for action, thought in zip(plan, reasoning, strict=True):
-        yield ExampleStep(seen, f"Reasoning: {thought}\nAction: {action.sentence}")
-        state = state.step(action).state
-        seen = f"{OMITTED}\n\nValid Actions:\n{OMITTED}\n\n{goal}"
-
-
-def _io(world: World, plan: list[Any]) -> ExampleStep:
-    lines = "\n".join(action.sentence for action in plan)
-    return ExampleStep(world.initial.text_view(world.players[0]), f"Plan:\n{lines}")
-
-
-def _io_cot(world: World, plan: list[Any]) -> ExampleStep:
-    state, lines = world.initial, []
-    for action in plan:
-        after = state.step(action).state
-        added = sorted(set(after.text().splitlines()) - set(state.text().splitlines()))
-        facts = [line for line in added if line not in _actions(after)]
-        lines += [f"Action: {action.sentence}", f"Then: {'; '.join(facts) or 'a step has passed'}"]
-        state = after
-    return ExampleStep(world.initial.text_view(world.players[0]), "\n".join(lines))
-
-
-def _actions(state: State) -> set[str]:
-    return {action.sentence for action in state.actions(state.world.players[0])}
+    choices, state = [], world.initial
+    for step, thought in zip(plan, reasoning, strict=True):
+        choices.append(ExampleChoice(state, step[0], thought))
+        state = state.step(step[0]).state
+    return choices
 
 
 NAME, SHIFTS = "ours", "shifts"
