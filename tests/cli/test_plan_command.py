@@ -213,9 +213,18 @@ def test_progress_goes_to_stderr(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "7 expansions, lower bound 7, plan 8, gap 1" in done.stderr
 
 
+@pytest.mark.process
+def test_short_search_does_not_wait_for_the_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kernels, "to_be_compiled", lambda: True)
+    monkeypatch.setattr(optimal, "solve", None)  # The planner of this process is not needed.
+    found = plan("synchronous/01", "--json")
+    assert (json.loads(found.stdout)["length"], found.stderr) == (8, "")
+
+
 @pytest.mark.slow
 def test_compiling_is_announced(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kernels, "to_be_compiled", lambda: True)
+    monkeypatch.setattr("robotouille_client.cli.plan.searched_plainly", lambda *_: None)
     received = plan("synchronous/01", "--json")
     assert received.stderr.startswith("compiling the planner, which takes ")
     assert received.stderr.count("\n") == 1

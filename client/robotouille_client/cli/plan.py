@@ -40,6 +40,7 @@ from robotouille.planning.search.unsolvable import unreachable_goal
 from robotouille.replay.recording import read_recording
 from robotouille.terminal import one_of, options_from, printable_json, tell
 from robotouille.world.lint import sound_task
+from robotouille_client.cli.plain_search import searched_plainly
 from robotouille_client.console import explain, fail
 
 PATIENCE = 2.0
@@ -172,21 +173,24 @@ def _search(
 
     world = World(task)
     check_has_goal(world)
-    _announce_compiling(world)
+    if _has_to_compile(world):
+        answer = searched_plainly(task, start, expansions, deadline.seconds)
+        if answer is not None:
+            return answer
+        words = "compiling the planner, which takes up to a minute, once for this machine"
+        tell(f"{words} (ROBOTOUILLE_COMPILE=0 turns this off)", err=True)
     progress = _Progress()
     limits = Limits(expansions, BUDGET.states, deadline)
     with _interruptible(deadline), progress.shown():
         return certify(task, optimal.solve, limits, progress, start)
 
 
-def _announce_compiling(world: World) -> None:
-    """Announce that the planner is about to be compiled, which delays the first search."""
+def _has_to_compile(world: World) -> bool:
+    """Return whether a search has to compile the planner, which delays the first one."""
     from robotouille.planning.kitchen.kernels import to_be_compiled
     from robotouille.planning.kitchen.plugin import KITCHEN
 
-    if domain_planner(world) is KITCHEN and to_be_compiled():
-        words = "compiling the planner, which takes up to a minute, once for this machine"
-        tell(f"{words} (ROBOTOUILLE_COMPILE=0 turns this off)", err=True)
+    return domain_planner(world) is KITCHEN and to_be_compiled()
 
 
 @contextmanager

@@ -1,0 +1,46 @@
+"""Short searches in plain Python, before the planner is compiled.
+
+Compiling takes up to a minute, and most searches take less than a second without it.
+"""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+from robotouille import State, Task
+from robotouille.certification.certificate import Certificate, Deadline, certify
+from robotouille.certification.certifying import BUDGET
+from robotouille.planning import solvers
+from robotouille.planning.plan import Limits
+
+SECONDS = 5.0
+
+
+def searched_plainly(
+    task: Task, start: State | None, expansions: int | None, seconds: float
+) -> Certificate | None:
+    """Return the answer of a search, or None if plain Python does not find it in some seconds."""
+    # Whether functions are compiled is decided when a process imports them, so another one is
+    # needed.
+    before = os.environ.get("ROBOTOUILLE_COMPILE")
+    os.environ["ROBOTOUILLE_COMPILE"] = "0"
+    try:
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+            limit = min(seconds, SECONDS)
+            return pool.submit(_answer, task, start, expansions, limit).result()
+    finally:
+        if before is None:
+            del os.environ["ROBOTOUILLE_COMPILE"]
+        else:
+            os.environ["ROBOTOUILLE_COMPILE"] = before
+
+
+def _answer(
+    task: Task, start: State | None, expansions: int | None, seconds: float
+) -> Certificate | None:
+    deadline = Deadline(seconds)
+    limits = Limits(expansions, BUDGET.states, deadline)
+    found = certify(task, solvers.solve, limits, start=start)
+    return None if deadline.struck else found
