@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import warnings
 from collections.abc import Callable
 from functools import cache
 from importlib import import_module
@@ -29,6 +30,21 @@ _numba: Any = _numba_module()
 
 COMPILED = _numba is not None
 """True if functions are compiled."""
+
+
+def warn_if_slow(what: str, times: int) -> None:
+    """Warn that something is slow because numba is not installed.
+
+    Python shows the warning once for each line that calls the caller of this function. With
+    `ROBOTOUILLE_COMPILE=0`, there is no warning.
+    """
+    if not COMPILED and os.environ.get("ROBOTOUILLE_COMPILE") != "0":
+        warnings.warn(
+            f"{what} runs {times} times slower without numba: pip install 'robotouille[fast]' "
+            "(ROBOTOUILLE_COMPILE=0 hides this warning)",
+            RuntimeWarning,
+            stacklevel=3,
+        )
 
 
 def compiler(folder: Path, bare: bool = False) -> Callable[[F], F]:

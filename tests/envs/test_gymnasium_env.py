@@ -136,7 +136,7 @@ def test_unknown_actions_are_rejected() -> None:
         with pytest.raises(RobotouilleError, match="no episode has begun"):
             read()
     env.reset()
-    for wrong in (-1, env.action_space.n, 10**9):
+    for wrong in (-2, env.action_space.n, 10**9):
         with pytest.raises(WrongArgumentError, match="found number"):
             env.step(wrong)
 
@@ -162,6 +162,32 @@ def test_unknown_actions_are_rejected() -> None:
 def test_invalid_options_are_rejected(options: dict, words: str) -> None:
     with pytest.raises(WrongArgumentError, match=words):
         RobotouilleEnv(ONE, **options)
+
+
+def test_unknown_option_is_rejected_by_name() -> None:
+    with pytest.raises(WrongArgumentError, match="did you mean 'observation'"):
+        gymnasium.make(env_id(ONE), observations="text")
+
+
+def test_specification_has_the_step_budget() -> None:
+    spec = gymnasium.make(env_id("synchronous/01_cheese_sandwich"), max_steps=70).spec
+    assert spec.max_episode_steps == 70
+    assert gymnasium.make(env_id("shifts/01_sandwich_bar")).spec.max_episode_steps > 0
+    again = gymnasium.make(spec)
+    again.reset()
+    steps = [again.step(-1)[3] for _ in range(70)]
+    assert steps == [False] * 69 + [True]
+
+
+@pytest.mark.parametrize("task", [ONE, TEAM])
+def test_minus_one_does_nothing(task: str) -> None:
+    env = RobotouilleEnv(task, invalid="raise")
+    env.reset()
+    before = env.state
+    players = len(env.world.players)
+    info = env.step(-1 if players == 1 else [-1, None, -1])[4]
+    assert info["valid"]
+    assert env.state == before.step(None).state
 
 
 def test_unknown_tasks_are_rejected() -> None:

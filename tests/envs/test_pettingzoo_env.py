@@ -64,7 +64,7 @@ def test_missing_agents_do_nothing() -> None:
     infos = env.step({"robot1": number})[4]
     assert env.world_state == before.step(before.action("robot1", number)).state
     assert infos["robot2"]["valid"]
-    assert env.step({"robot1": None, "robot2": None})[4]["robot1"]["valid"]
+    assert env.step({"robot1": None, "robot2": -1})[4]["robot2"]["valid"]
 
 
 def test_invalid_actions() -> None:

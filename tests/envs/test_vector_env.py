@@ -60,7 +60,7 @@ def some(envs, info: dict, rng: np.random.Generator) -> np.ndarray:
     for mask in info["action_mask"]:
         for part in np.split(mask, ends):
             valid = rng.random() < 0.9 and part.any()
-            chosen.append(rng.choice(np.flatnonzero(part) if valid else len(part)))
+            chosen.append(rng.choice(np.flatnonzero(part) if valid else np.arange(-1, len(part))))
     return np.array(chosen).reshape(envs.action_space.shape)
 
 
@@ -112,10 +112,11 @@ def test_engine_rejects_invalid_actions(in_the_engine: None) -> None:
     wrong = int(np.flatnonzero(info["action_mask"][0][: envs.single_action_space.nvec[0]] == 0)[0])
     with pytest.raises(InapplicableError):
         envs.step(np.array([[wrong, 0], [wrong, 0]]))
-    for number in (-1, 10**6):
+    for number in (-2, 10**6):
         with pytest.raises(WrongArgumentError, match=f"robot2 has .* found number {number}"):
             envs.step(np.array([[0, 0], [0, number]]))
     assert np.array_equal(envs.action_masks(), first)
+    assert envs.step(np.full((2, 2), -1))[-1]["valid"].all()
 
 
 @pytest.mark.parametrize("compiled", [False, True])

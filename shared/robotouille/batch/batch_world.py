@@ -22,6 +22,7 @@ from robotouille.batch.state_kernels import (
 )
 from robotouille.batch.step_kernels import first_invalid, step_copies
 from robotouille.batch.tables import CopyRange, Ints, initial_row, tables
+from robotouille.compiling import warn_if_slow
 from robotouille.errors import UnknownNameError, WrongArgumentError, did_you_mean
 from robotouille.world.world import State, World
 
@@ -88,6 +89,7 @@ class BatchWorld:
             raise WrongArgumentError(
                 f"expected at least 1 copy and 1 thread, found {copies}, {threads}"
             )
+        warn_if_slow("BatchWorld", 300)
         self.world = world
         self.copies = copies
         self.players = world.players

@@ -14,6 +14,7 @@ from robotouille.batch.single_copy import RuleTables, SingleCopy
 from robotouille.batch.tables import Ints
 from robotouille.envs.instances import first_state
 from robotouille.envs.rules import (
+    NOTHING,
     ActionRows,
     BatchStepResult,
     Bools,
@@ -63,7 +64,7 @@ class BatchCopies:
 
     def take(self, numbers: ActionRows) -> BatchStepResult:
         going = ~self.over
-        chosen = self._valid(np.where(going[:, None], numbers, -1))
+        chosen = self._valid(np.where(going[:, None], numbers, NOTHING))
         before = self._batch.rows.copy()
         _, reached, applied, overflowed = self._batch.step(chosen)
         if overflowed.any():
@@ -73,24 +74,25 @@ class BatchCopies:
         terminated = reached & going
         truncated = going & ~terminated & (self._steps >= self._limit)
         self.over = ~going | terminated | truncated
-        valid = applied.all(axis=1) & going
+        valid = (applied | (numbers == NOTHING)).all(axis=1) & going
         return BatchStepResult(terminated.astype(np.float64), terminated, truncated, valid)
 
     def _valid(self, numbers: ActionRows) -> ActionRows:
-        """Return the actions that are valid now, and -1 for the others.
+        """Return the actions that are valid now, and `NOTHING` for the others.
 
         As in `Play`, an action does not count that only an earlier player makes possible.
         """
-        if numbers.min() < 0:
-            for copy, seat in np.argwhere((numbers < 0) & ~self.over[:, None]).tolist():
+        if numbers.min() < NOTHING:
+            for copy, seat in np.argwhere((numbers < NOTHING) & ~self.over[:, None]).tolist():
                 player, count = self._batch.players[seat], self._batch.action_counts[seat]
                 raise no_such_action_error(player, count, int(numbers[copy, seat]))
         valid = self._batch.valid(numbers)
         if self._rules.invalid is InvalidAction.RAISE:
-            for copy, seat in np.argwhere(~valid & ~self.over[:, None]).tolist():
+            wrong = ~valid & (numbers != NOTHING) & ~self.over[:, None]
+            for copy, seat in np.argwhere(wrong).tolist():
                 state, number = self._batch.state(copy), int(numbers[copy, seat])
                 raise self.view.inapplicable(state, seat, number)
-        return np.where(valid, numbers, -1)
+        return np.where(valid, numbers, NOTHING)
 
     def _take_in_world(
         self, copy: int, numbers: ActionRows, before: Ints
@@ -162,7 +164,7 @@ class BatchRollout:
         return self._state
 
     def take(self, numbers: Numbers) -> tuple[bool, ...]:
-        chosen = [-1 if number is None else number for number in numbers]
+        chosen = [NOTHING if number is None else number for number in numbers]
         applied, reached, overflowed = self._copy.step(chosen)
         if overflowed:
             applied, reached = self._take_in_world(numbers)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Unpack
 
 import gymnasium
@@ -9,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pettingzoo
 from gymnasium import spaces
-from gymnasium.envs.registration import register, registry
+from gymnasium.envs.registration import EnvSpec, register, registry
 
 from robotouille.domain.loading import task_names
 from robotouille.domain.task import Task
@@ -62,10 +63,11 @@ RENDER_MODES = ("ansi", "rgb_array")
 class RobotouilleEnv(gymnasium.Env[Any, Any]):
     """One agent that controls all players of a task.
 
-    An action is the number of a ground action (`World.ground_actions(player)`). For several players
-    it contains one number per player, in the order of seats. The `info` of `reset` and `step`
-    contains `action_mask`, the valid actions in the format of `action_space.sample` (one mask per
-    player), and `valid`, whether the actions of the last step were applied.
+    An action is the number of a ground action (`World.ground_actions(player)`), or -1 to do
+    nothing. For several players it contains one number per player, in the order of seats. The
+    `info` of `reset` and `step` contains `action_mask`, the valid actions in the format of
+    `action_space.sample` (one mask per player), and `valid`, whether the actions of the last step
+    were applied.
 
     Args:
         task: A task, or a name for `load_task`: `synchronous/01`, `multi_agent/01@3`.
@@ -96,12 +98,26 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
         self._play = Play(rules)
         self._observer = Observer(rules, self._play.views, Perspective.SHARED)
         self.render_mode = render_mode
+        self._spec: EnvSpec | None = None
         self.observation_space = self._observer.space()
         counts = self._play.view.sizes.actions
         self._alone = len(counts) == 1
         self.action_space: spaces.Space[Any] = (
             spaces.Discrete(counts[0]) if self._alone else spaces.MultiDiscrete(list(counts))
         )
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """The specification of an environment that was made by name, with its step budget."""
+        if self._spec is None:
+            return None
+        rules = self._play.rules
+        limit = max(rules.step_limit(view.world) for view in self._play.views)
+        return replace(self._spec, max_episode_steps=limit)
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = spec
 
     @property
     def state(self) -> State:

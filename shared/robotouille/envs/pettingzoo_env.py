@@ -28,8 +28,8 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
 
     Arguments, actions and rewards are those of `RobotouilleEnv`. Observations also show which
     player is the agent's own: see `Perspective`. All agents get the same reward. Each agent's
-    `info` contains `action_mask` and `valid`. An agent without an action, or with None, does
-    nothing.
+    `info` contains `action_mask` and `valid`. An agent without an action, or with None or
+    -1, does nothing.
     """
 
     metadata: ClassVar[dict[str, Any]] = {

@@ -11,6 +11,7 @@ import numpy as np
 
 from robotouille.envs.instances import first_state
 from robotouille.envs.rules import (
+    NOTHING,
     EnvRules,
     InvalidAction,
     Reward,
@@ -137,7 +138,7 @@ class Play:
             self._worth = self._worth_of(rollout.state)
 
     def take(self, numbers: Sequence[int | None]) -> StepResult:
-        """Take a step with a number for each player's action, or None for nothing.
+        """Take a step with a number for each player's action; None or -1 does nothing.
 
         Raises:
             WrongArgumentError: An action does not exist, or the potential of the next state is not
@@ -153,7 +154,8 @@ class Play:
         wanted = self._valid(seen.masks, numbers)
         applied = rollout.take(wanted)
         if None in wanted:  # Doing nothing is always applied.
-            applied = tuple(a or n is None for a, n in zip(applied, numbers, strict=True))
+            idle = (number in (None, NOTHING) for number in numbers)
+            applied = tuple(a or nothing for a, nothing in zip(applied, idle, strict=True))
         score, seen = seen.score, rollout.seen
         self._seen = seen
         self.steps += 1
@@ -187,6 +189,8 @@ class Play:
             number = index(number)
         except TypeError:
             raise WrongArgumentError(f"expected the number of an action: {number!r}") from None
+        if number == NOTHING:
+            return None
         if not 0 <= number < len(mask):
             raise no_such_action_error(self.players[place], len(mask), number)
         if mask[number]:

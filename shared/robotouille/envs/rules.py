@@ -293,6 +293,9 @@ def engine_plays(rules: EnvRules, world: World) -> bool:
     return world.shift is None
 
 
+NOTHING = -1
+"""Number for doing nothing. Where numbers need not be in arrays, None means the same."""
+
 ActionRows = npt.NDArray[np.int64]
 """Numbers of the players' actions, one row per copy."""
 
