@@ -97,6 +97,18 @@ def test_help_shortens_a_game_with_a_partner(task: str) -> None:
 
 
 @pytest.mark.slow
+def test_help_pays_next_to_two_partners() -> None:
+    games = [
+        play(Setting("multi_agent/07", 3, person, "partner", seed))
+        for person in ("idle", "helpful")
+        for seed in range(3)
+    ]
+    idle, helped = games[:3], games[3:]
+    assert all(game.won and not game.fault for game in games)
+    assert sum(game.steps for game in helped) < sum(game.steps for game in idle)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("task", "person"),
     quick_sample(

@@ -7,6 +7,7 @@ games that wait for each player, a skill changes what a bot does, not when.
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -25,7 +26,8 @@ class Skill:
         reaction: Seconds from the moment when an action becomes possible to the action.
         pace: Minimum number of seconds between the starts of two actions.
         rest: Share of its working time that the bot leaves to others, from 0 to below 1. After
-            each piece of work it rests for this share of the time.
+            each piece of work it rests for this share of the time. Several bots next to people
+            rest longer: k bots work as much as the square root of k bots.
         slips: Probability that a walk leads to a wrong place.
         looks_ahead: False for a bot that waits next to what it cooks instead of doing other work.
     """
@@ -94,6 +96,7 @@ class SkilledPolicy:
         self._policy = policy
         self._player = player
         self._skill = skill or EXPERT
+        self._rest = self._skill.rest
         self._fits_company = skill is None
         self._rate = 1 / step_seconds if step_seconds else 0.0
         self._random = random.Random(f"{seed}:{player}:skill")
@@ -176,15 +179,20 @@ class SkilledPolicy:
         # One step has passed since the action began, and the player is busy for its duration.
         self._pause(taken - step)
         self._worked += taken
-        if action.destination is None and skill.rest:
-            rest = min(self._worked * skill.rest / (1 - skill.rest), MAX_REST)
+        if action.destination is None and self._rest:
+            rest = min(self._worked * self._rest / (1 - self._rest), MAX_REST)
             self._ready += round(rest * self._rate)
             self._worked = 0.0
 
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
+        people = sum(kind == "human" for kind in kinds.values())
         if self._fits_company:
-            with_people = clock == "realtime" and "human" in kinds.values()
-            self._skill = SKILLS["partner"] if with_people else EXPERT
+            self._skill = SKILLS["partner"] if people and clock == "realtime" else EXPERT
+        self._rest = self._skill.rest
+        if people and self._rest:
+            # Two bots that rest as little as one leave a person nothing to win.
+            bots = max(1, len(kinds) - people)
+            self._rest = 1 - (1 - self._rest) / math.sqrt(bots)
         if isinstance(self._policy, TeamPolicy):
             self._policy.meet(kinds, clock)
 
