@@ -147,7 +147,7 @@ def test_levels_can_have_smaller_teams(compiled: bool, monkeypatch: pytest.Monke
     ("options", "words"),
     [
         ({"levels": [3]}, "levels: expected a list of Level"),
-        ({"levels": [Level(seats=2)]}, "levels: only parallel_env"),
+        ({"levels": [Level(seats=2)]}, "levels: other numbers of seats: only parallel_env"),
         ({"levels": [Level(cells=(2, 2), items=30)]}, "levels: "),
         ({"levels": [Level()], "instances": "generated"}, "levels: they need"),
     ],

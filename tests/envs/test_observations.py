@@ -123,7 +123,7 @@ def test_goal_is_part_of_graphs() -> None:
     ("options", "words"),
     [
         ({"perspective": "mine"}, "perspective: expected one of 'shared', 'identity'"),
-        ({"perspective": Perspective.IDENTITY}, "perspective: identity needs one agent per player"),
+        ({"perspective": Perspective.IDENTITY}, "perspective: only parallel_env"),
         ({"goal": "yes"}, "goal: expected True or False, found 'yes'"),
     ],
 )
@@ -133,7 +133,7 @@ def test_invalid_options_are_rejected(options: dict[str, Any], words: str) -> No
 
 
 def test_copies_in_one_process_have_vectors_of_states_only() -> None:
-    with pytest.raises(WrongArgumentError, match="perspective, goal"):
+    with pytest.raises(WrongArgumentError, match="goal: copies in one process"):
         RobotouilleVectorEnv(TEAM, goal=True)
 
 

@@ -16,7 +16,7 @@ from robotouille.domain.loading import task_names
 from robotouille.domain.task import Task
 from robotouille.envs.observer import Observer
 from robotouille.envs.play import Play
-from robotouille.envs.rules import EnvOptions, EnvRules, Perspective, refuse_smaller_teams
+from robotouille.envs.rules import EnvOptions, EnvRules, Perspective, check_one_agent
 from robotouille.envs.views import picture
 from robotouille.errors import WrongArgumentError
 from robotouille.world.world import State, World
@@ -90,11 +90,7 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
                 f"render_mode: expected one of {RENDER_MODES}, found {render_mode!r}"
             )
         rules = EnvRules.of(task, options)
-        refuse_smaller_teams(rules)
-        if rules.perspective not in (None, Perspective.SHARED):
-            raise WrongArgumentError(
-                f"perspective: {rules.perspective} needs one agent per player; see parallel_env"
-            )
+        check_one_agent(rules)
         self._play = Play(rules)
         self._observer = Observer(rules, self._play.views, Perspective.SHARED)
         self.render_mode = render_mode

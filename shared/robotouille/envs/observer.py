@@ -18,8 +18,14 @@ from robotouille.envs.views import ObservationView, Vector, largest_team, text_s
 from robotouille.world.arrays.goal_graph import goal_graph
 from robotouille.world.arrays.graph import Graph
 
-SELF, GOAL = "self", "goal"
-"""Features of the agent's own player, and of things that the goal needs."""
+SELF, GOAL, SAID = "self", "goal", "said"
+"""Features of the agent's own player, of things that the goal needs, and of messages."""
+
+SILENCE = 0
+"""Message of an agent that says nothing."""
+
+Said = Sequence[int]
+"""The last message of each player, by seat."""
 
 Places = npt.NDArray[np.intp]
 
@@ -40,6 +46,7 @@ class Observer:
         self._rules, self._views = rules, tuple(views)
         self._perspective = perspective
         self._goal = rules.goal
+        self._tokens = rules.tokens
         self._sizes = views[0].sizes
         self._players = largest_team(views)
         self._terms = max(len(view.world.goal.terms) for view in views) if rules.goal else 0
@@ -61,13 +68,20 @@ class Observer:
         unused = ("unused",) * (self._state_size - len(own))
         identity = self._perspective is Perspective.IDENTITY
         selves = tuple(f"{SELF}({player})" for player in self._players) if identity else ()
-        return (*own, *unused, *selves, *(f"{GOAL}[{i}]" for i in range(self._terms)))
+        said = (f"{SAID}[{i}]({player})" for player in self._players for i in self._messages)
+        return (*own, *unused, *selves, *(f"{GOAL}[{i}]" for i in range(self._terms)), *said)
+
+    @property
+    def _messages(self) -> range:
+        return range(1, self._tokens + 1)
 
     @cached_property
     def features(self) -> tuple[str, ...]:
-        """Names of a graph node's numbers: `Encoding.features`, then `self` and `goal`."""
+        """Names of a graph node's numbers: `Encoding.features`, `self`, messages and `goal`."""
         own = () if self._perspective is Perspective.SHARED else (SELF,)
-        return (*self._first.world.encoding.features, *own, *((GOAL,) if self._goal else ()))
+        said = (f"{SAID}[{i}]" for i in self._messages)
+        goal = (GOAL,) if self._goal else ()
+        return (*self._first.world.encoding.features, *own, *said, *goal)
 
     def space(self) -> spaces.Space[Any]:
         """Return the space of observations."""
@@ -80,20 +94,37 @@ class Observer:
         nodes = spaces.Box(-1.0, high, (len(self.features),), np.float32)
         return spaces.Graph(nodes, spaces.Box(-1.0, high, (1 + encoding.counters,), np.float32))
 
-    def observe(self, play: Play, seat: int | None = None) -> Any:
+    def observe(self, play: Play, seat: int | None = None, said: Said = ()) -> Any:
         """Return an observation of a game's state, as an object of its own.
 
         Args:
             seat: Seat of the agent, or None for an agent that controls all players.
+            said: The players' messages, if there are any.
         """
         if self.kind is EnvObservation.VECTOR:
-            return self._vector(play, seat)
+            return self._vector(play, seat, said)
         players = play.players if seat is None else play.players[seat : seat + 1]
         if self.kind is EnvObservation.TEXT:
-            return "\n\n".join(play.state.text_view(player) for player in players)
-        return self._graph(play, seat)
+            texts = [play.state.text_view(player) for player in players]
+            return "\n\n".join([*texts, *self._heard(play, said)])
+        return self._graph(play, seat, said)
 
-    def _vector(self, play: Play, seat: int | None) -> Vector:
+    def _heard(self, play: Play, said: Said) -> list[str]:
+        """Return the messages in words."""
+        if not self._tokens:
+            return []
+        lines = [
+            f"- {player}: {token}"
+            for player, token in zip(play.players, said, strict=True)
+            if token != SILENCE
+        ]
+        return ["\n".join(["Messages of the last step:", *(lines or ["- none"])])]
+
+    def _spoken(self, said: Said) -> Vector:
+        """Return a row for each message, with a 1 in the place of its token."""
+        return np.array([[token == i for i in self._messages] for token in said], np.float32)
+
+    def _vector(self, play: Play, seat: int | None, said: Said) -> Vector:
         state = play.seen.vector
         if self._perspective is Perspective.EGOCENTRIC and seat is not None:
             state = np.append(state, np.float32(0))[self._places_of(play.view)[seat]]
@@ -103,6 +134,12 @@ class Observer:
         if self._goal:
             holding = [holds for _, holds in play.state.world.goal_terms(play.state)]
             parts.append(np.array(holding + [False] * (self._terms - len(holding)), np.float32))
+        if self._tokens:
+            if self._perspective is Perspective.EGOCENTRIC and seat is not None:
+                said = [*said[seat:], *said[:seat]]
+            spoken = np.zeros((len(self._players), self._tokens), dtype=np.float32)
+            spoken[: len(said)] = self._spoken(said)
+            parts.append(spoken.ravel())
         return np.concatenate(parts, dtype=np.float32) if len(parts) > 1 else state.copy()
 
     def _places_of(self, view: ObservationView) -> tuple[Places, ...]:
@@ -112,21 +149,25 @@ class Observer:
             found = self._places[view] = _places(view, self._state_size)
         return found
 
-    def _graph(self, play: Play, seat: int | None) -> GraphInstance:
+    def _graph(self, play: Play, seat: int | None, said: Said) -> GraphInstance:
         graph = play.state.graph()
-        marked = np.zeros(len(graph.nodes), dtype=np.float32)
-        if seat is not None and self._perspective is not Perspective.SHARED:
-            names = [thing.name for thing in play.view.world.encoding.objects]
-            order = [names.index(player) for player in play.players]
-            marked[order[seat]] = 1
-            if self._perspective is Perspective.EGOCENTRIC:
-                graph, marked = _turned(graph, marked, order, seat)
-        extra = [] if self._perspective is Perspective.SHARED else [marked]
-        nodes = np.column_stack([graph.nodes, *extra])
+        names = [thing.name for thing in play.view.world.encoding.objects]
+        order = [names.index(player) for player in play.players]
+        own = self._perspective is not Perspective.SHARED
+        nodes = np.pad(graph.nodes, ((0, 0), (0, own + self._tokens)))
+        if self._tokens:
+            nodes[order, -self._tokens :] = self._spoken(said)
+        if seat is not None and own:
+            nodes[order[seat], graph.nodes.shape[1]] = 1
+        graph = graph._replace(nodes=nodes)
+        if seat is not None and self._perspective is Perspective.EGOCENTRIC:
+            graph = _turned(graph, order, seat)
         if self._goal:
-            graph, nodes = _with_goal(graph, nodes, self._goal_of(play.view))
+            graph = _with_goal(graph, self._goal_of(play.view))
         relations = graph.edges[:, :1].astype(np.float32)
-        return GraphInstance(nodes, np.hstack([relations, graph.counters]), graph.edges[:, 1:])
+        return GraphInstance(
+            graph.nodes, np.hstack([relations, graph.counters]), graph.edges[:, 1:]
+        )
 
     def _goal_of(self, view: ObservationView) -> Graph:
         found = self._goals.get(view)
@@ -171,22 +212,21 @@ def _places(view: ObservationView, size: int) -> tuple[Places, ...]:
     return tuple(found)
 
 
-def _turned(graph: Graph, marked: Vector, order: Sequence[int], seat: int) -> tuple[Graph, Vector]:
+def _turned(graph: Graph, order: Sequence[int], seat: int) -> Graph:
     """Return a graph in which the agent's player is in the place of the first one."""
     old = np.arange(len(graph.nodes))
     old[order] = [*order[seat:], *order[:seat]]
     new = np.argsort(old)
     edges = graph.edges.copy()
     edges[:, 1:] = new[edges[:, 1:]]
-    return Graph(graph.nodes[old], edges, graph.counters), marked[old]
+    return Graph(graph.nodes[old], edges, graph.counters)
 
 
-def _with_goal(graph: Graph, nodes: Vector, goal: Graph) -> tuple[Graph, Vector]:
-    """Return a graph and its nodes with the nodes of a goal at the end."""
-    count, width = len(nodes), nodes.shape[1] + 1
-    all_nodes = np.zeros((count + len(goal.nodes), width), dtype=np.float32)
-    all_nodes[:count, :-1] = nodes
-    all_nodes[count:, : goal.nodes.shape[1]] = goal.nodes
-    all_nodes[count:, -1] = 1
+def _with_goal(graph: Graph, goal: Graph) -> Graph:
+    """Return a graph with the nodes of a goal at the end, and a feature that marks them."""
+    count, width = graph.nodes.shape
+    nodes = np.pad(graph.nodes, ((0, len(goal.nodes)), (0, 1)))
+    nodes[count:, : goal.nodes.shape[1]] = goal.nodes
+    nodes[count:, width] = 1
     edges = np.concatenate([graph.edges, goal.edges + np.array([0, count, count])])
-    return Graph(graph.nodes, edges, np.concatenate([graph.counters, goal.counters])), all_nodes
+    return Graph(nodes, edges, np.concatenate([graph.counters, goal.counters]))

@@ -13,9 +13,9 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import parallel_to_aec
 
 from robotouille.domain.task import Task
-from robotouille.envs.observer import Observer
+from robotouille.envs.observer import SILENCE, Observer
 from robotouille.envs.play import Play
-from robotouille.envs.rules import EnvOptions, EnvRules, Perspective
+from robotouille.envs.rules import NOTHING, EnvOptions, EnvRules, Perspective
 from robotouille.envs.views import Mask, largest_team, picture, vector_space
 from robotouille.errors import WrongArgumentError
 from robotouille.world.world import State, World
@@ -29,7 +29,7 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
     Arguments, actions and rewards are those of `RobotouilleEnv`. Observations also show which
     player is the agent's own: see `Perspective`. All agents get the same reward. Each agent's
     `info` contains `action_mask` and `valid`. An agent without an action, or with None or
-    -1, does nothing.
+    -1, does nothing. With `tokens`, an action is a pair of its number and a message.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -53,6 +53,8 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
         perspective = Perspective(rules.perspective or default)
         self._observer = Observer(rules, self._play.views, perspective)
         self._random = np.random.default_rng()
+        self._tokens = rules.tokens
+        self._said: list[int] = []
         self.render_mode = render_mode
         self.possible_agents = list(largest_team(self._play.views))
         self.agents: list[str] = []
@@ -62,7 +64,7 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
             player: self._observer.space() for player in self.possible_agents
         }
         self.action_spaces = {
-            player: cast("gymnasium.Space[Any]", spaces.Discrete(count))
+            player: _action_space(count, rules.tokens)
             for player, count in zip(self.possible_agents, view.sizes.actions, strict=True)
         }
         self.state_space = vector_space(view.sizes)
@@ -118,6 +120,7 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
             self._random = np.random.default_rng(seed)
         self._play.begin(self._random, options)
         self.agents = list(self._play.players)
+        self._said = [SILENCE] * len(self.agents)
         valid = (True,) * len(self.agents)
         return self._observations(), self._infos(valid)
 
@@ -143,6 +146,8 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
             wrong = sorted(actions.keys() - self._seat.keys())
             raise WrongArgumentError(f"no agent {wrong[0]!r}; there are {', '.join(players)}")
         numbers = [actions.get(player) for player in players]
+        if self._tokens:
+            numbers, self._said = self._spoken(numbers)
         reward, terminated, truncated, valid = self._play.take(numbers)
         observations, infos = self._observations(), self._infos(valid)
         if terminated or truncated:
@@ -155,15 +160,35 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
             infos,
         )
 
+    def _spoken(self, chosen: Sequence[Any]) -> tuple[list[Any], list[int]]:
+        """Return the numbers of actions, and the messages that come with them.
+
+        Raises:
+            WrongArgumentError: A message is missing or does not exist.
+        """
+        pairs = [(NOTHING, SILENCE) if each is None else each for each in chosen]
+        for player, pair in zip(self.agents, pairs, strict=True):
+            if np.shape(pair) != (2,) or pair[1] not in range(self._tokens + 1):
+                raise WrongArgumentError(
+                    f"{player}: expected an action and a message from 0 to {self._tokens}, "
+                    f"found {pair!r}"
+                )
+        return [action for action, _ in pairs], [int(message) for _, message in pairs]
+
     def _observations(self) -> dict[str, Any]:
         return {
-            player: self._observer.observe(self._play, self._seat[player]) for player in self.agents
+            player: self._observer.observe(self._play, self._seat[player], self._said)
+            for player in self.agents
         }
 
     def _infos(self, valid: Sequence[bool]) -> dict[str, dict[str, Any]]:
         masks = self._play.seen.masks
+        any_message = np.ones(self._tokens + 1, dtype=np.int8)
         return {
-            player: {"action_mask": mask.copy(), "valid": fine}
+            player: {
+                "action_mask": (mask.copy(), any_message.copy()) if self._tokens else mask.copy(),
+                "valid": fine,
+            }
             for player, mask, fine in zip(self.agents, masks, valid, strict=True)
         }
 
@@ -182,6 +207,11 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
 
     def close(self) -> None:
         """Do nothing: the environment holds no resources."""
+
+
+def _action_space(actions: int, tokens: int) -> gymnasium.Space[Any]:
+    space = spaces.MultiDiscrete([actions, tokens + 1]) if tokens else spaces.Discrete(actions)
+    return cast("gymnasium.Space[Any]", space)
 
 
 def parallel_env(

@@ -125,6 +125,8 @@ class EnvOptions(TypedDict, total=False):
       several players is an agent, else `shared`.
     - `goal`: True if vectors contain which conditions of the goal hold, and graphs the things that
       the goal needs; False by default. Texts always contain the conditions.
+    - `tokens`: number of different messages that an agent can send to the others with an action; 0
+      by default. Only environments with an agent for each player have messages.
     - `reward`: `sparse` is 1 on the step that reaches the goal, else 0. `shaped` adds `weight *
       (gamma * potential(after) - potential(before))`.
     - `gamma`: the learner's discount for a shaped reward, above 0 and at most 1; 0.99 by default.
@@ -145,6 +147,7 @@ class EnvOptions(TypedDict, total=False):
     observation: EnvObservation | str
     perspective: Perspective | str | None
     goal: bool
+    tokens: int
     reward: Reward | str
     gamma: float
     weight: float
@@ -168,6 +171,7 @@ class EnvRules:
     observation: EnvObservation | str = EnvObservation.VECTOR
     perspective: Perspective | str | None = None
     goal: bool = False
+    tokens: int = 0
     reward: Reward | str = Reward.SPARSE
     gamma: float = 0.99
     weight: float = 1.0
@@ -202,6 +206,8 @@ class EnvRules:
             )
         if not all(isinstance(level, Level) for level in self.levels):
             raise WrongArgumentError(f"levels: expected a list of Level, found {self.levels!r}")
+        if isinstance(self.tokens, bool) or not isinstance(self.tokens, int) or self.tokens < 0:
+            raise WrongArgumentError(f"tokens: expected 0 or more, found {self.tokens!r}")
         if not isinstance(self.goal, bool):
             raise WrongArgumentError(f"goal: expected True or False, found {self.goal!r}")
         limit = self.max_steps
@@ -330,13 +336,17 @@ def no_such_action_error(player: str, count: int, number: int) -> WrongArgumentE
     return WrongArgumentError(f"{player} has {count} actions, found number {number}")
 
 
-def refuse_smaller_teams(rules: EnvRules) -> None:
-    """Check that all levels have as many players as the task.
+def check_one_agent(rules: EnvRules) -> None:
+    """Check that a single agent can play under an environment's rules.
 
     Raises:
-        WrongArgumentError: Some level has fewer.
+        WrongArgumentError: An option needs one agent per player.
     """
-    if any(level.seats is not None for level in rules.levels):
-        raise WrongArgumentError(
-            "levels: only parallel_env and aec_env play levels with other numbers of seats"
-        )
+    asked = {
+        "perspective": rules.perspective not in (None, Perspective.SHARED),
+        "tokens": rules.tokens > 0,
+        "levels: other numbers of seats": any(level.seats is not None for level in rules.levels),
+    }
+    for name, needed in asked.items():
+        if needed:
+            raise WrongArgumentError(f"{name}: only parallel_env and aec_env have several agents")

@@ -20,12 +20,11 @@ from robotouille.envs.rules import (
     EnvObservation,
     EnvOptions,
     EnvRules,
-    Perspective,
     Reward,
     StepsToGoPotential,
+    check_one_agent,
     engine_plays,
     not_reset_error,
-    refuse_smaller_teams,
 )
 from robotouille.envs.views import Mask, ObservationView, Vector, vector_space, views_of
 from robotouille.errors import WrongArgumentError
@@ -112,7 +111,7 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         task: A task, or a name for `load_task`.
         num_envs: Number of copies.
         autoreset_mode: `NextStep` or `SameStep`: when a copy begins another episode.
-        options: `EnvOptions` except `observation`, `perspective` and `goal`.
+        options: `EnvOptions` except `observation`, `perspective`, `goal` and `tokens`.
 
     Raises:
         WrongArgumentError: An option is invalid.
@@ -136,13 +135,11 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         if options.get("reward") == Reward.SHAPED:
             options.setdefault("potential", StepsToGoPotential())
         rules = EnvRules.of(task, options)
-        refuse_smaller_teams(rules)
+        check_one_agent(rules)
         if rules.observation is not EnvObservation.VECTOR:
             raise WrongArgumentError("observation: expected 'vector' for copies in one process")
-        if rules.goal or rules.perspective not in (None, Perspective.SHARED):
-            raise WrongArgumentError(
-                "perspective, goal: copies in one process have one agent and vectors of states only"
-            )
+        if rules.goal:
+            raise WrongArgumentError("goal: copies in one process have vectors of states only")
         self._copies = _copies_of(rules, num_envs)
         self._same_step = mode is AutoresetMode.SAME_STEP
         self.metadata = {"autoreset_mode": mode}
