@@ -16,7 +16,10 @@ with warnings.catch_warnings():
     from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test, seed_test
 
 TEAM = "multi_agent/01@3"
-pytestmark = pytest.mark.filterwarnings("ignore:We recommend agents to be named")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:We recommend agents to be named"),
+    pytest.mark.filterwarnings("ignore:Action space for each agent probably should be"),
+]
 
 
 @pytest.mark.parametrize("observation", ["vector", "graph", "text"])
