@@ -10,7 +10,7 @@ import pytest
 from nats.js import JetStreamContext
 
 from robotouille.nats_address import NatsAddress
-from robotouille_server.cluster.bus import Bucket, Entry, UnavailableError
+from robotouille_server.cluster.bus import Append, Bucket, BusError, Entry, UnavailableError
 from robotouille_server.cluster.nats_bus import NatsBus, nats_bus
 from tests.support.nats import missing, nats_cluster
 
@@ -48,6 +48,23 @@ async def test_watch_of_a_bucket_replaces_an_earlier_one(tmp_path: Path) -> None
             await put(bus, "b", second)
             assert first == ["a"]
             assert second == ["a", "b"]
+
+
+async def test_journals_are_listed_until_they_are_deleted(tmp_path: Path) -> None:
+    with nats_cluster(tmp_path, servers=1) as cluster:
+        address = tuple(cluster.urls)
+        async with (
+            nats_bus(NatsAddress(address, "robotouille")) as bus,
+            nats_bus(NatsAddress(address, "other")) as other,
+        ):
+            assert await bus.journals() == []
+            for each, name in ((bus, "a1"), (bus, "b2"), (other, "c3")):
+                stored: asyncio.Future[int | BusError] = asyncio.Future()
+                each.append(Append(name, b"header", 0, name), stored.set_result)
+                assert isinstance(await stored, int)
+            assert sorted(await bus.journals()) == ["a1", "b2"]
+            await bus.purge("a1")
+            assert await bus.journals() == ["b2"]
 
 
 async def test_attempt_to_watch_that_fails_leaves_only_the_earlier_watch(

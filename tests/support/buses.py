@@ -12,6 +12,7 @@ import random
 from collections.abc import Awaitable, Callable, Iterator
 from contextvars import Context, copy_context
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypeVar
 
 from robotouille_server.cluster.bus import (
@@ -310,11 +311,15 @@ class SimulatedNats:
             self._answer(asker, NoAnswererError("no node answers"))
         elif target.hears:
             self.loop.create_task(
-                self._handle(target, handler(word, data), asker), context=target.context.copy()
+                self._handle(target, partial(handler, word, data), asker),
+                context=target.context.copy(),
             )
 
-    async def _handle(self, target: SimulatedBus, work: Awaitable[bytes], asker: _Request) -> None:
-        answer = await work
+    async def _handle(
+        self, target: SimulatedBus, work: Callable[[], Awaitable[bytes]], asker: _Request
+    ) -> None:
+        # The target may die before this task begins, so the work begins here.
+        answer = await work()
         if target.reaches:
             self._answer(asker, answer)
 
@@ -418,6 +423,9 @@ class SimulatedBus:
 
     async def purge(self, subject: str) -> None:
         await self._ask(lambda: self._storage.purge(subject))
+
+    async def journals(self) -> list[str]:
+        return await self._ask(lambda: self._storage.journals)
 
     async def get(self, bucket: Bucket, key: str) -> Entry | None:
         return await self._ask(lambda: self._storage.get(bucket, key))

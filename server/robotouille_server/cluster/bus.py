@@ -114,6 +114,9 @@ class Bus(Protocol):
     async def purge(self, subject: str) -> None:
         """Delete all messages of a journal."""
 
+    async def journals(self) -> list[str]:
+        """Return the names of all journals that have messages."""
+
     async def get(self, bucket: Bucket, key: str) -> Entry | None:
         """Return the value of a key."""
 

@@ -383,6 +383,12 @@ class NatsBus:
         async with _errors():
             await self._js.purge_stream(self._stream, subject=f"{self._prefix}.journal.{subject}")
 
+    async def journals(self) -> list[str]:
+        prefix = f"{self._prefix}.journal."
+        async with _errors():
+            found = await self._js.stream_info(self._stream, subjects_filter=f"{prefix}*")
+        return [subject.removeprefix(prefix) for subject in found.state.subjects or ()]
+
     # Buckets
 
     async def get(self, bucket: Bucket, key: str) -> Entry | None:

@@ -37,6 +37,7 @@ from robotouille_server.cluster.members import (
     parse_report,
 )
 from robotouille_server.cluster.readiness import is_ready
+from robotouille_server.cluster.strays import Strays
 from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.recording.archive import ArchivedEpisode
 from robotouille_server.rooms.recording.storage import Storage
@@ -195,12 +196,17 @@ class ClusterNode:
         self._start(self._maintain())
         self._start(self._share())
         self._start(self._look())
+        self._start(Strays(self.bus, self.directory).run(self._is_first))
 
     def _start(self, work: Coroutine[Any, Any, Any]) -> asyncio.Task[Any]:
         task = self._loop.create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         return task
+
+    def _is_first(self) -> bool:
+        """Return whether this node does what one node should do for all."""
+        return self.name == min(report.name for report in self.members.alive())
 
     def _node_changed(self, key: str, entry: Entry | None) -> None:
         if entry is None:
