@@ -421,9 +421,12 @@ async def test_spectators_of_a_killed_node_go_to_another_one(tmp_path: Path) -> 
         eve = await client.join(game.code, role="spectator")
         await game.step(2)
         await game.follow(eve)
+        (session,) = mirrors(gone)[game.episode]._members
         await gone.kill()
         await game.step(2)
         await game.follow(eve)
+        known = [node.server.services.sessions.by_id for node in (game.owner, other)]
+        assert any(session.id in sessions for sessions in known), "the resume token is valid there"
         room = game.owner.server.lobby.rooms[game.episode]
         here, there = room.spectators_here, len(mirrors(other))
         assert here + there == 1

@@ -80,6 +80,22 @@ async def test_commands_reach_episodes_of_other_nodes(tmp_path: Path) -> None:
 
 
 @virtual
+async def test_open_spreads_episodes_over_the_nodes(tmp_path: Path) -> None:
+    async with cluster_of(tmp_path, 3) as nodes:
+        await asyncio.sleep(1.5)
+        reply = await Lab(nodes[0]).ask("open", count=6, create={"task": TASK, "tokens": True})
+        assert reply.ok
+        assert [len(node.rooms) for node in nodes] == [2, 2, 2]
+        assert {each.episode for each in reply.opened} == set().union(*(n.rooms for n in nodes))
+        first = reply.opened[0]
+        assert first.tokens is not None
+        (token, *_) = first.tokens.values()
+        async with connect(nodes[0].url, name="ada", token=token) as ada:
+            game = await ada.join(first.code)
+            assert game.episode == first.episode
+
+
+@virtual
 async def test_a_node_without_operator_page_is_named(tmp_path: Path) -> None:
     async with cluster_of(tmp_path, 2) as nodes, connect(nodes[0].url, name="ada") as ada:
         created = await ada.create(TASK)

@@ -208,10 +208,13 @@ class Commands:
         check_opening(grant.episode)
         opened: list[OpenedEpisode] = []
         opening = Opening(request=command.create, owner=grant.subject)
-        error = None
+        services, error = self._server.services, None
         for _ in range(command.count):
             try:
-                _, created = open_episode(self._server.services, opening)
+                if services.cluster is not None:
+                    created = await services.cluster.create(opening)
+                else:
+                    _, created = open_episode(services, opening)
             except ProtocolError as refused:
                 error = _refusal("", refused).error
                 break
