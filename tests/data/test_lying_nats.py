@@ -25,7 +25,7 @@ GREETING = {
     "server_id": "X", "server_name": "x", "version": "2.10.0", "proto": 1, "headers": True,
     "max_payload": 1_048_576,
 }  # fmt: skip
-STREAM = {"config": {"name": "S"}, "state": {"messages": 1, "bytes": 1, "first_seq": 1,
+STREAM: dict[str, Any] = {"config": {"name": "S"}, "state": {"messages": 1, "bytes": 1, "first_seq": 1,
           "last_seq": 1, "consumer_count": 0}}  # fmt: skip
 CONSUMER = {"stream_name": "S", "name": "c", "created": "2026-01-01T00:00:00Z", "config": {}}
 MIB = 1024 * 1024

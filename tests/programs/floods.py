@@ -45,6 +45,7 @@ from tests.programs.audience_flood import AudienceFlood
 from tests.programs.broker_flood import BrokerFlood, flooding_broker
 from tests.programs.honest_game import HELLO, SUBPROTOCOL, HonestGame
 from tests.programs.record_flood import Kind, RecordFlood
+from tests.programs.resume_storm import ResumeStorm
 from tests.support.fuzzing.wire import BINARY, CONTINUATION, PING, PONG, TEXT, frame, request
 from tests.support.server_process import ServerProcess, server_process
 
@@ -101,8 +102,9 @@ class Flood:
     connection is reset as soon as its first messages are answered, and opened again. With
     `hurries`, it is closed after 40 ms, answered or not. With `watched`, the flood plays in rooms
     with 200 spectators each, given by their tasks and views; with `resyncs`, these spectators ask
-    for snapshots. With `elsewhere`, its connections are remote; new clients are then remote too and
-    have a token. `rooms` is the number of other episodes on the server. With `page`, each
+    for snapshots. With `resumes`, the connections are spectators that vanish all at once and resume
+    their sessions. With `elsewhere`, its connections are remote; new clients are then remote too
+    and have a token. `rooms` is the number of other episodes on the server. With `page`, each
     connection requests this page again and again; with `operator`, from the operator port. With
     `records`, the server uses TLS with an RSA key, and the connections send records of this kind.
     With `broker`, the flood comes from an MQTT broker of this kind, during the whole measurement.
@@ -119,6 +121,7 @@ class Flood:
     watched: tuple[tuple[str, str], ...] = ()
     chats: bool = False
     resyncs: bool = False
+    resumes: bool = False
     page: str = ""
     operator: bool = False
     records: Kind | None = None
@@ -183,6 +186,11 @@ FLOODS = {
         vanishes=True,
         hurries=True,
         connections=250,
+    ),
+    "resume-storm": Flood(
+        "spectators that resume and vanish in bursts, from 200 connections",
+        resumes=True,
+        connections=200,
     ),
     "metrics": Flood("reads of the metrics, from 60 connections", page="/metrics", connections=60),
     "operator": Flood(
@@ -336,6 +344,8 @@ def attack(name: str, port: int, code: str) -> None:
         rooms.run()
     if records is not None:
         records.run()
+    if flood.resumes:
+        ResumeStorm(port, code, flood.connections).run()
     if flood.silent:
         _keep_silent(port, flood.silent, flood.elsewhere)
     attackers = [Attacker(flood, port, code) for _ in range(flood.connections)]

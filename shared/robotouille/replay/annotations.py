@@ -6,9 +6,9 @@ moments or spans with this label covers it, and 0 otherwise.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import accumulate
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -97,15 +97,19 @@ class Annotations(Schema):
                 raise ValueError(f"step {each.last} of a recording of {self.steps} steps")
         return self
 
-    def values(self, label: str) -> list[int]:
-        """Return for each step from 0 whether a label covers it, as 0 or 1."""
+    def changes(self, label: str) -> Iterator[int]:
+        """Yield the steps at which the value of a label changes, in order. It begins with 0."""
         # Spans may overlap, so the changes at their ends are summed up once.
-        changes = [0] * (self.steps + 2)
+        changes: Counter[int] = Counter()
         for each in self.annotations:
             if each.label == label:
                 changes[each.first] += 1
                 changes[each.last + 1] -= 1
-        return [int(covering > 0) for covering in accumulate(changes[:-1])]
+        covering = 0
+        for step in sorted(changes):
+            before, covering = covering, covering + changes[step]
+            if (before > 0) != (covering > 0):
+                yield step
 
 
 def read_codebook(path: Path) -> Codebook:
@@ -159,6 +163,10 @@ class Agreement:
     alpha: float | None
 
 
+Units = Counter[tuple[int, ...]]
+"""Combinations of the values of coders, with the number of steps that have them."""
+
+
 def agreement(files: Sequence[Annotations]) -> Iterator[Agreement]:
     """Yield the agreement about each label, in the order of the codebook.
 
@@ -168,15 +176,28 @@ def agreement(files: Sequence[Annotations]) -> Iterator[Agreement]:
     recordings = _by_recording(files)
     coders = {each.coder for coded in recordings.values() for each in coded}
     for label in files[0].labels:
-        units: list[tuple[int, ...]] = []
+        units: Units = Counter()
         for coded in recordings.values():
-            units += zip(*(each.values(label) for each in coded), strict=True)
-        ones = sum(map(sum, units))
-        used = ones / sum(map(len, units))
+            units.update(_units(coded, label))
+        ones = sum(count * sum(unit) for unit, count in units.items())
+        used = ones / sum(count * len(unit) for unit, count in units.items())
         two = len(coders) == 2
         yield Agreement(
-            label, len(coders), len(units), used, cohen(units) if two else None, alpha(units)
+            label, len(coders), units.total(), used, cohen(units) if two else None, alpha(units)
         )
+
+
+def _units(coded: Sequence[Annotations], label: str) -> Units:
+    """Return how often each combination of values occurs in the steps of a recording."""
+    # Few bytes of a file can claim a million steps, so only the changes are visited.
+    changes = [(step, coder) for coder, each in enumerate(coded) for step in each.changes(label)]
+    values, units, first = [0] * len(coded), Units(), 0
+    for step, coder in sorted(changes):
+        units[tuple(values)] += step - first
+        first = step
+        values[coder] ^= 1
+    units[tuple(values)] += coded[0].steps + 1 - first
+    return +units
 
 
 def _by_recording(files: Sequence[Annotations]) -> dict[str, list[Annotations]]:
@@ -198,25 +219,24 @@ def _by_recording(files: Sequence[Annotations]) -> dict[str, list[Annotations]]:
     return {name: [each for _, each in sorted(coded.items())] for name, coded in both.items()}
 
 
-def cohen(units: Iterable[Sequence[int]]) -> float | None:
+def cohen(units: Units) -> float | None:
     """Return Cohen's kappa of two coders, or None if it is undefined."""
-    pairs = list(units)
-    count = len(pairs)
-    observed = sum(a == b for a, b in pairs) / count
-    first, second = (sum(column) / count for column in zip(*pairs, strict=True))
+    count = units.total()
+    observed = sum(times for (a, b), times in units.items() if a == b) / count
+    first, second = (sum(times * unit[k] for unit, times in units.items()) / count for k in (0, 1))
     expected = first * second + (1 - first) * (1 - second)
     return None if expected == 1 else (observed - expected) / (1 - expected)
 
 
-def alpha(units: Iterable[Sequence[int]]) -> float | None:
+def alpha(units: Units) -> float | None:
     """Return Krippendorff's alpha for the values 0 and 1, or None if all values are equal."""
     values = ones = 0
     observed = 0.0
-    for unit in units:
+    for unit, times in units.items():
         size, marked = len(unit), sum(unit)
-        values, ones = values + size, ones + marked
+        values, ones = values + times * size, ones + times * marked
         # Ordered pairs of different values, weighted as in the coincidence matrix.
-        observed += 2 * marked * (size - marked) / (size - 1)
+        observed += times * 2 * marked * (size - marked) / (size - 1)
     zeros = values - ones
     if not ones or not zeros:
         return None
