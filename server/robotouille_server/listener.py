@@ -214,6 +214,8 @@ ACCEPTED_AT_ONCE = 32
 """Connections accepted in a row, before existing connections get a turn."""
 WAITING_TO_BE_ACCEPTED = 4096
 """Connections that the operating system queues."""
+EVERYWHERE, EVERYWHERE_IPV6 = "0.0.0.0", "::"  # noqa: S104
+"""Addresses for all interfaces. The second one includes the first."""
 CLOSE_SECONDS, ABORT_SECONDS = 5.0, 1.0
 """Seconds that clients have to close their connections, and that aborted connections take."""
 
@@ -263,17 +265,24 @@ class Listener:
             await self._listen(self._worker.first_port + self._worker.index, shared=False)
 
     async def _listen(self, port: int, *, shared: bool) -> None:
+        host = self._settings.host
+        # asyncio's sockets for IPv6 admit no IPv4, but `::` means all interfaces.
+        for each in (host, EVERYWHERE) if host == EVERYWHERE_IPV6 else (host,):
+            port = await self._listen_on(each, port, shared=shared)
+
+    async def _listen_on(self, host: str, port: int, *, shared: bool) -> int:
+        """Listen on an address, and return the port."""
         try:
             socket = await asyncio.get_running_loop().create_server(
                 self._connections.accept,
-                self._settings.host,
+                host,
                 port,
                 # A burst of new connections must not delay the steps of running episodes.
                 backlog=ACCEPTED_AT_ONCE,
                 reuse_port=shared or None,
             )
         except OSError as error:
-            where = f"{self._settings.host}:{port}"
+            where = f"{host}:{port}"
             other = "; choose another port with --port" if error.errno == errno.EADDRINUSE else ""
             message = f"cannot listen on {where}: {error.strerror}{other}"
             raise CannotListenError(message) from None
@@ -281,12 +290,13 @@ class Listener:
             # asyncio uses one number both for the queue and for the connections accepted in a row.
             with listening.dup() as same:
                 same.listen(WAITING_TO_BE_ACCEPTED)
-        bound = next(iter(socket.sockets)).getsockname()[1]
+        bound = int(next(iter(socket.sockets)).getsockname()[1])
         self._pages.listens(self._tls.name if self._tls is not None else "", bound)
         if not self.sockets:
             # Noted here, because a draining server has closed its sockets.
             self._port = bound
         self.sockets.append(socket)
+        return bound
 
     # Addresses
 
@@ -299,7 +309,7 @@ class Listener:
     def url(self) -> str:
         """Address for clients on this machine."""
         host = self._settings.host
-        return self._url("127.0.0.1" if host == "0.0.0.0" else host)  # noqa: S104
+        return self._url("127.0.0.1" if host in (EVERYWHERE, EVERYWHERE_IPV6) else host)
 
     @property
     def public_url(self) -> str:

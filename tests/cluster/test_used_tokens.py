@@ -52,6 +52,22 @@ async def test_released_token_can_be_used_by_another_session(pair: tuple[Node, N
     assert await two.secrets.use("t", "bob", NOW)
 
 
+async def test_failed_joins_of_a_token_are_limited(
+    pair: tuple[Node, Node], shared: Shared, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each writes twice to NATS, so one token could keep the disks of all nodes busy."""
+    one, _ = pair
+    monkeypatch.setattr(asyncio.get_running_loop(), "time", lambda: 1000.0)
+    for _ in range(20):
+        await one.secrets.use("t", "ada", NOW)
+        await one.secrets.release("t", "ada")
+    with pytest.raises(ProtocolError) as caught:
+        await one.secrets.use("t", "ada", NOW)
+    assert caught.value.code == "rate/limited"
+    assert set(shared.entries) == {KEYS}
+    assert await one.secrets.use("another", "ada", NOW)
+
+
 async def test_use_without_the_cluster_is_refused(pair: tuple[Node, Node]) -> None:
     one, _ = pair
     one.link.up = False

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import fcntl
 import re
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -46,6 +47,24 @@ async def test_port_in_use_ends_no_episode(tmp_path: Path) -> None:
             async with serve(settings):
                 pass
     assert still_open(tmp_path / "a")
+
+
+def _has_ipv6() -> bool:
+    try:
+        socket.create_server(("::1", 0), family=socket.AF_INET6).close()
+    except OSError:
+        return False
+    return True
+
+
+@pytest.mark.skipif(not _has_ipv6(), reason="needs IPv6")
+@virtual
+async def test_ipv6_wildcard_listens_with_ipv4_too(tmp_path: Path) -> None:
+    async with serve(ServerSettings(host="::", port=0, recordings=tmp_path)) as server:
+        assert server.url == f"ws://127.0.0.1:{server.port}"
+        for host in ("127.0.0.1", "[::1]"):
+            async with connect(f"ws://{host}:{server.port}", name="ada") as client:
+                assert client.role == "host"
 
 
 @virtual

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from contextlib import suppress
 
@@ -9,6 +10,7 @@ from robotouille.errors import RobotouilleError
 from robotouille_server.auth.revocation import (
     MAX_USED_FILE_BYTES,
     TIDY_SECONDS,
+    FailedJoins,
     TokenUse,
     use_name,
 )
@@ -30,6 +32,7 @@ class SharedUses:
         self._wall = wall
         self._known: dict[str, TokenUse] = {}
         self._next_tidy = wall()
+        self._failed = FailedJoins()
 
     def changed(self, name: str, entry: Entry | None) -> None:
         """Note a change of the bucket."""
@@ -48,9 +51,11 @@ class SharedUses:
         """Record the use of a token; return False if the session has used it before.
 
         Raises:
-            ProtocolError: `auth/used` if another session has used the token.
+            ProtocolError: `auth/used` if another session has used the token, `rate/limited` if
+                too many joins with it have failed, because each costs the cluster two writes.
             BusError: The use is not recorded, or not certainly.
         """
+        self._failed.check(token_id, _now())
         name = USED + use_name(token_id)
         for _ in range(ATTEMPTS):
             with suppress(ConflictError):
@@ -63,7 +68,12 @@ class SharedUses:
         raise UnavailableError("the token is used and released all the time")
 
     async def release(self, token_id: str, session: str) -> None:
-        """Make a token unused again; raise ProtocolError if another session has used it."""
+        """Make a token unused again after a join has failed.
+
+        Raises:
+            ProtocolError: Another session has used it.
+        """
+        self._failed.failed(token_id, _now())
         name = USED + use_name(token_id)
         entry = await self._bus.get(Bucket.SHARED, name)
         if entry is not None:
@@ -81,6 +91,10 @@ class SharedUses:
             self._known.pop(name, None)
         if len(outdated) <= MAX_FORGOTTEN:
             self._next_tidy = now + TIDY_SECONDS
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()
 
 
 def _use(name: str, entry: Entry) -> TokenUse:

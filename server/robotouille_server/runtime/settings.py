@@ -47,7 +47,8 @@ class ServerSettings(BaseSettings):
 
     config: Path | None = Field(None, description="TOML file to read settings from.")
     host: str = Field(
-        "127.0.0.1", description="Address to listen on; 0.0.0.0 listens on all interfaces."
+        "127.0.0.1",
+        description="Address to listen on; 0.0.0.0 listens on all interfaces, :: also with IPv6.",
     )
     port: Annotated[int, Field(ge=0, le=65535)] = Field(
         8765, description="TCP port to listen on; 0 picks a free port."
