@@ -25,8 +25,8 @@ GREETING = {
     "server_id": "X", "server_name": "x", "version": "2.10.0", "proto": 1, "headers": True,
     "max_payload": 1_048_576,
 }  # fmt: skip
-STREAM: dict[str, Any] = {"config": {"name": "S"}, "state": {"messages": 1, "bytes": 1, "first_seq": 1,
-          "last_seq": 1, "consumer_count": 0}}  # fmt: skip
+STATE = {"messages": 1, "bytes": 1, "first_seq": 1, "last_seq": 1, "consumer_count": 0}
+STREAM: dict[str, Any] = {"config": {"name": "S"}, "state": STATE}
 CONSUMER = {"stream_name": "S", "name": "c", "created": "2026-01-01T00:00:00Z", "config": {}}
 MIB = 1024 * 1024
 
@@ -114,7 +114,7 @@ def fetch(url: str, folder: Path) -> str:
     "stream",
     [
         None, [], {}, {"error": "x"}, {**STREAM, "created": 5}, {**STREAM, "created": "then"},
-        {**STREAM, "state": "x"}, {**STREAM, "state": {**STREAM["state"], "last_seq": "x"}},
+        {**STREAM, "state": "x"}, {**STREAM, "state": {**STATE, "last_seq": "x"}},
         b"\xff", b"[" * 100_000,
     ],
 )  # fmt: skip
