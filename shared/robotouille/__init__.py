@@ -30,6 +30,7 @@ if TYPE_CHECKING:
         WrongWorldError,
     )
     from robotouille.world.grounding.actions import GroundAction
+    from robotouille.world.sight import Seen, Sight, seen_by
     from robotouille.world.timers import Progress
     from robotouille.world.unmet import Attempt
     from robotouille.world.world import State, Step, World
@@ -42,6 +43,7 @@ else:
         "robotouille.domain.task",
         "robotouille.domain.loading",
         "robotouille.world.grounding.actions",
+        "robotouille.world.sight",
         "robotouille.world.timers",
         "robotouille.world.unmet",
         "robotouille.world.world",
@@ -59,6 +61,8 @@ __all__ = [
     "ProtocolError",
     "RecordingError",
     "RobotouilleError",
+    "Seen",
+    "Sight",
     "SlotOverflowError",
     "State",
     "Step",
@@ -71,5 +75,6 @@ __all__ = [
     "WrongWorldError",
     "load_certificate",
     "load_task",
+    "seen_by",
     "task_names",
 ]

@@ -17,7 +17,7 @@ from robotouille.domain.task import Task
 from robotouille.envs.observer import Observer
 from robotouille.envs.play import Play
 from robotouille.envs.rules import EnvOptions, EnvRules, Perspective, check_one_agent
-from robotouille.envs.views import picture
+from robotouille.envs.views import Mask, picture
 from robotouille.errors import WrongArgumentError
 from robotouille.world.world import State, World
 
@@ -93,6 +93,9 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
         check_one_agent(rules)
         self._play = Play(rules)
         self._observer = Observer(rules, self._play.views, Perspective.SHARED)
+        if rules.sight is not None and len(self._play.players) > 1:
+            raise WrongArgumentError("sight: only parallel_env and aec_env have several agents")
+        self._seat = None if rules.sight is None else 0
         self.render_mode = render_mode
         self._spec: EnvSpec | None = None
         self.observation_space = self._observer.space()
@@ -139,10 +142,15 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
 
         The masks of several players are concatenated.
         """
-        return np.concatenate(self._play.seen.masks).view(np.bool_)
+        return np.concatenate(self._masks()).view(np.bool_)
+
+    def _masks(self) -> tuple[Mask, ...]:
+        """Return the valid actions of each player, as far as the agent sees."""
+        seen = self._play.seen.masks
+        return seen if self._seat is None else (self._observer.mask(self._play, self._seat),)
 
     def _info(self, valid: bool) -> dict[str, Any]:
-        masks = self._play.seen.masks
+        masks = self._masks()
         mask = masks[0].copy() if self._alone else tuple(each.copy() for each in masks)
         return {"action_mask": mask, "valid": valid}
 
@@ -162,7 +170,7 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
         super().reset(seed=seed)
         play = self._play
         play.begin(self.np_random, options)
-        return self._observer.observe(play), self._info(True)
+        return self._observer.observe(play, self._seat), self._info(True)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Take a step.
@@ -174,7 +182,7 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
         """
         play = self._play
         reward, terminated, truncated, valid = play.take((action,) if self._alone else action)
-        observation = self._observer.observe(play)
+        observation = self._observer.observe(play, self._seat)
         return observation, reward, terminated, truncated, self._info(all(valid))
 
     def render(self) -> Any:

@@ -14,12 +14,14 @@ from gymnasium.spaces import GraphInstance
 
 from robotouille.envs.play import Play
 from robotouille.envs.rules import EnvObservation, EnvRules, Perspective
-from robotouille.envs.views import ObservationView, Vector, largest_team, text_space
+from robotouille.envs.views import Mask, ObservationView, Vector, largest_team, text_space
 from robotouille.world.arrays.goal_graph import goal_graph
 from robotouille.world.arrays.graph import Graph
+from robotouille.world.sight import Seen, Sight, seen_by
+from robotouille.world.world import State
 
-SELF, GOAL, SAID = "self", "goal", "said"
-"""Features of the agent's own player, of things that the goal needs, and of messages."""
+SELF, SEEN, GOAL, SAID = "self", "seen", "goal", "said"
+"""Features of the agent's own player, of things in sight or in the goal, and of messages."""
 
 SILENCE = 0
 """Message of an agent that says nothing."""
@@ -47,6 +49,10 @@ class Observer:
         self._perspective = perspective
         self._goal = rules.goal
         self._tokens = rules.tokens
+        self._sight = rules.sight
+        self._last: tuple[State, int, Seen] | None = None
+        counts = [len(view.world.encoding.objects) for view in views] if rules.sight else [0]
+        self._objects = max(counts)
         self._sizes = views[0].sizes
         self._players = largest_team(views)
         self._terms = max(len(view.world.goal.terms) for view in views) if rules.goal else 0
@@ -68,8 +74,12 @@ class Observer:
         unused = ("unused",) * (self._state_size - len(own))
         identity = self._perspective is Perspective.IDENTITY
         selves = tuple(f"{SELF}({player})" for player in self._players) if identity else ()
+        things = [thing.name for thing in self._first.world.encoding.objects][: self._objects]
+        seen = [f"{SEEN}({name})" for name in things]
+        seen += ["unused"] * (self._objects - len(things))
         said = (f"{SAID}[{i}]({player})" for player in self._players for i in self._messages)
-        return (*own, *unused, *selves, *(f"{GOAL}[{i}]" for i in range(self._terms)), *said)
+        goal = (f"{GOAL}[{i}]" for i in range(self._terms))
+        return (*own, *unused, *selves, *seen, *goal, *said)
 
     @property
     def _messages(self) -> range:
@@ -77,11 +87,16 @@ class Observer:
 
     @cached_property
     def features(self) -> tuple[str, ...]:
-        """Names of a graph node's numbers: `Encoding.features`, `self`, messages and `goal`."""
+        """Names of a graph node's numbers.
+
+        They are `Encoding.features`, and as far as options request them `self`, `seen`, messages
+        and `goal`.
+        """
         own = () if self._perspective is Perspective.SHARED else (SELF,)
+        seen = (SEEN,) if self._sight else ()
         said = (f"{SAID}[{i}]" for i in self._messages)
         goal = (GOAL,) if self._goal else ()
-        return (*self._first.world.encoding.features, *own, *said, *goal)
+        return (*self._first.world.encoding.features, *own, *seen, *said, *goal)
 
     def space(self) -> spaces.Space[Any]:
         """Return the space of observations."""
@@ -105,9 +120,45 @@ class Observer:
             return self._vector(play, seat, said)
         players = play.players if seat is None else play.players[seat : seat + 1]
         if self.kind is EnvObservation.TEXT:
-            texts = [play.state.text_view(player) for player in players]
+            texts = [self._text(play, player) for player in players]
             return "\n\n".join([*texts, *self._heard(play, said)])
         return self._graph(play, seat, said)
+
+    def mask(self, play: Play, seat: int) -> Mask:
+        """Return an agent's valid actions, as far as it sees; callers must not change them."""
+        mask = play.seen.masks[seat]
+        if self._sight is None:
+            return mask
+        player, found = play.players[seat], np.zeros_like(mask)
+        valid = self._seen(play, seat, self._sight).actions
+        found[[play.state.action_number(action, player) for action in valid]] = 1
+        return found
+
+    def _seen(self, play: Play, seat: int, sight: Sight) -> Seen:
+        # An agent's mask and observation are of the same state.
+        if self._last is None or self._last[0] is not play.state or self._last[1] != seat:
+            self._last = play.state, seat, seen_by(play.state, play.players[seat], sight)
+        return self._last[2]
+
+    def _visible(self, play: Play, seat: int | None) -> State:
+        """Return the state, or the part of it that an agent sees."""
+        if self._sight is None or seat is None:
+            return play.state
+        return self._seen(play, seat, self._sight).state
+
+    def _in_sight(self, play: Play, seat: int, sight: Sight) -> Vector:
+        """Return for each object or slot whether an agent sees it."""
+        world, things = play.view.world, self._seen(play, seat, sight).things
+        slots = world.encoding.slots.filled(play.state.facts)
+        found = np.zeros(self._objects, dtype=np.float32)
+        for i, thing in enumerate(world.encoding.objects):
+            found[i] = slots.get(thing.name, thing.name) in things
+        return found
+
+    def _text(self, play: Play, player: str) -> str:
+        if self._sight is None:
+            return play.state.text_view(player)
+        return self._seen(play, play.players.index(player), self._sight).text_view(player)
 
     def _heard(self, play: Play, said: Said) -> list[str]:
         """Return the messages in words."""
@@ -126,13 +177,23 @@ class Observer:
 
     def _vector(self, play: Play, seat: int | None, said: Said) -> Vector:
         state = play.seen.vector
+        if self._sight is not None:
+            vector = self._visible(play, seat).vector()
+            state = np.pad(vector, (0, self._sizes.vector - len(vector)))
         if self._perspective is Perspective.EGOCENTRIC and seat is not None:
             state = np.append(state, np.float32(0))[self._places_of(play.view)[seat]]
         parts = [state]
         if self._perspective is Perspective.IDENTITY:
             parts.append(np.arange(len(self._players), dtype=np.float32) == seat)
+        if self._sight is not None and seat is not None:
+            seen = self._in_sight(play, seat, self._sight)
+            if self._perspective is Perspective.EGOCENTRIC:
+                order = _order(play)
+                seen[order] = [*seen[order[seat:]], *seen[order[:seat]]]
+            parts.append(seen)
         if self._goal:
-            holding = [holds for _, holds in play.state.world.goal_terms(play.state)]
+            visible = self._visible(play, seat)
+            holding = [holds for _, holds in visible.world.goal_terms(visible)]
             parts.append(np.array(holding + [False] * (self._terms - len(holding)), np.float32))
         if self._tokens:
             if self._perspective is Perspective.EGOCENTRIC and seat is not None:
@@ -150,11 +211,13 @@ class Observer:
         return found
 
     def _graph(self, play: Play, seat: int | None, said: Said) -> GraphInstance:
-        graph = play.state.graph()
-        names = [thing.name for thing in play.view.world.encoding.objects]
-        order = [names.index(player) for player in play.players]
+        graph, order = self._visible(play, seat).graph(), _order(play)
         own = self._perspective is not Perspective.SHARED
-        nodes = np.pad(graph.nodes, ((0, 0), (0, own + self._tokens)))
+        more = own + (self._sight is not None) + self._tokens
+        nodes = np.pad(graph.nodes, ((0, 0), (0, more)))
+        if self._sight is not None and seat is not None:
+            seen = self._in_sight(play, seat, self._sight)[: len(nodes)]
+            nodes[:, graph.nodes.shape[1] + own] = seen
         if self._tokens:
             nodes[order, -self._tokens :] = self._spoken(said)
         if seat is not None and own:
@@ -177,6 +240,12 @@ class Observer:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Observer, (self._rules, self._views, self._perspective)
+
+
+def _order(play: Play) -> list[int]:
+    """Return the place of each player among the objects."""
+    names = [thing.name for thing in play.view.world.encoding.objects]
+    return [names.index(player) for player in play.players]
 
 
 def _players_pattern(players: Sequence[str]) -> re.Pattern[str]:

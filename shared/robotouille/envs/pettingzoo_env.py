@@ -109,8 +109,8 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
         return self._play.seen.vector.copy()
 
     def action_mask(self, agent: str) -> Mask:
-        """Return an agent's valid actions."""
-        return self._play.seen.masks[self._seat[agent]].copy()
+        """Return an agent's valid actions, as far as it sees."""
+        return self._observer.mask(self._play, self._seat[agent]).copy()
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
@@ -182,7 +182,7 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
         }
 
     def _infos(self, valid: Sequence[bool]) -> dict[str, dict[str, Any]]:
-        masks = self._play.seen.masks
+        masks = (self._observer.mask(self._play, seat) for seat in range(len(self.agents)))
         any_message = np.ones(self._tokens + 1, dtype=np.int8)
         return {
             player: {

@@ -17,6 +17,7 @@ from robotouille.envs.levels import Level
 from robotouille.errors import RobotouilleError, WrongArgumentError, did_you_mean
 from robotouille.planning.plan import Limits
 from robotouille.planning.solvers import AnytimePlanner
+from robotouille.world.sight import Sight
 from robotouille.world.world import State, World
 
 LIMITS = Limits(expansions=2_000)
@@ -127,6 +128,7 @@ class EnvOptions(TypedDict, total=False):
       the goal needs; False by default. Texts always contain the conditions.
     - `tokens`: number of different messages that an agent can send to the others with an action; 0
       by default. Only environments with an agent for each player have messages.
+    - `sight`: a `Sight`, so that each agent observes what its player sees; None by default.
     - `reward`: `sparse` is 1 on the step that reaches the goal, else 0. `shaped` adds `weight *
       (gamma * potential(after) - potential(before))`.
     - `gamma`: the learner's discount for a shaped reward, above 0 and at most 1; 0.99 by default.
@@ -148,6 +150,7 @@ class EnvOptions(TypedDict, total=False):
     perspective: Perspective | str | None
     goal: bool
     tokens: int
+    sight: Sight | None
     reward: Reward | str
     gamma: float
     weight: float
@@ -172,6 +175,7 @@ class EnvRules:
     perspective: Perspective | str | None = None
     goal: bool = False
     tokens: int = 0
+    sight: Sight | None = None
     reward: Reward | str = Reward.SPARSE
     gamma: float = 0.99
     weight: float = 1.0
@@ -208,6 +212,8 @@ class EnvRules:
             raise WrongArgumentError(f"levels: expected a list of Level, found {self.levels!r}")
         if isinstance(self.tokens, bool) or not isinstance(self.tokens, int) or self.tokens < 0:
             raise WrongArgumentError(f"tokens: expected 0 or more, found {self.tokens!r}")
+        if not isinstance(self.sight, Sight | None):
+            raise WrongArgumentError(f"sight: expected a Sight, found {self.sight!r}")
         if not isinstance(self.goal, bool):
             raise WrongArgumentError(f"goal: expected True or False, found {self.goal!r}")
         limit = self.max_steps
@@ -291,9 +297,9 @@ def is_compiled() -> bool:
 
 def engine_plays(rules: EnvRules, world: World) -> bool:
     """Return whether the batch engine plays a world under an environment's rules."""
-    # Graphs, texts, goals and potentials need a `State` in each step, which the engine would have
-    # to build.
-    vectors = rules.observation is EnvObservation.VECTOR and not rules.goal
+    # Graphs, texts, goals, sight and potentials need a `State` in each step, which the engine would
+    # have to build.
+    vectors = rules.observation is EnvObservation.VECTOR and not (rules.goal or rules.sight)
     if not (vectors and rules.reward is Reward.SPARSE and is_compiled()):
         return False
     return world.shift is None

@@ -111,7 +111,8 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         task: A task, or a name for `load_task`.
         num_envs: Number of copies.
         autoreset_mode: `NextStep` or `SameStep`: when a copy begins another episode.
-        options: `EnvOptions` except `observation`, `perspective`, `goal` and `tokens`.
+        options: `EnvOptions` except `observation`, `perspective`, `goal`, `tokens` and
+            `sight`.
 
     Raises:
         WrongArgumentError: An option is invalid.
@@ -138,8 +139,9 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         check_one_agent(rules)
         if rules.observation is not EnvObservation.VECTOR:
             raise WrongArgumentError("observation: expected 'vector' for copies in one process")
-        if rules.goal:
-            raise WrongArgumentError("goal: copies in one process have vectors of states only")
+        if rules.goal or rules.sight:
+            name = "goal" if rules.goal else "sight"
+            raise WrongArgumentError(f"{name}: copies in one process have vectors of states only")
         self._copies = _copies_of(rules, num_envs)
         self._same_step = mode is AutoresetMode.SAME_STEP
         self.metadata = {"autoreset_mode": mode}

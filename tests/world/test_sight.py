@@ -1,0 +1,104 @@
+"""What a player sees of a state, within a distance and between stations."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from robotouille import Sight, State, UnknownNameError, World, WrongArgumentError, seen_by
+from robotouille.world.scene import scene
+from tests.support.samples import quick_sample
+
+pytest.importorskip("numpy")
+
+TASKS = quick_sample(["multi_agent/07@2", "multi_agent/01@3", "shifts/04"], 2)
+
+
+def wandering(world: World, steps: int, seed: int = 1) -> list[State]:
+    """Return the states of a random walk of all players."""
+    rng = random.Random(seed)
+    states = [world.initial]
+    for _ in range(steps):
+        state = states[-1]
+        choices = [state.actions(player) for player in world.players]
+        states.append(state.step([rng.choice(each) for each in choices if each]).state)
+    return states
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_player_without_limits_sees_everything(name: str) -> None:
+    world = World(name)
+    for state in wandering(world, 15):
+        for player in world.players:
+            seen = seen_by(state, player, Sight())
+            assert seen.state == state
+            assert seen.actions == state.actions(player)
+            assert seen.text_view(player).replace("Out of sight: nothing.\n\n", "") == (
+                state.text_view(player)
+            )
+
+
+@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("sight", [Sight(2), Sight(blocked=True)], ids=str)
+def test_things_out_of_sight_show_nothing_that_changes(name: str, sight: Sight) -> None:
+    world = World(name)
+    hidden_once = False
+    for state in wandering(world, 15):
+        for player in world.players:
+            seen = seen_by(state, player, sight)
+            hidden = {thing.name for thing in state.objects} - seen.things
+            hidden_once |= bool(hidden)
+            for atom in seen.state.atoms():
+                assert hidden.isdisjoint(atom[1:]) or atom in world.table.static
+            assert set(seen.state.fact_names()) <= set(state.fact_names())
+            assert set(state.actions(player)) <= set(seen.actions)
+            assert {scene(state)[player].at, player} <= seen.things
+    assert hidden_once
+
+
+def test_hidden_changes_do_not_change_what_is_seen() -> None:
+    world, sight = World("multi_agent/01@3"), Sight(2)
+    alike = 0
+    for state in wandering(world, 30):
+        before = seen_by(state, "robot1", sight)
+        for action in state.actions("robot2"):
+            after = seen_by(state.step(action).state, "robot1", sight)
+            # An action from one hidden place to another must leave no trace.
+            if {"robot2", *action.arguments}.isdisjoint(before.things | after.things):
+                assert before.text_view("robot1") == after.text_view("robot1")
+                assert before.state.vector().tolist() == after.state.vector().tolist()
+                alike += 1
+    assert alike > 10
+
+
+@pytest.mark.parametrize(
+    ("sight", "there", "seen"),
+    [
+        (Sight(), (9, 9), True),
+        (Sight(2), (2, 2), True),
+        (Sight(2), (3, 0), False),
+        (Sight(blocked=True), (1, 0), True),
+        (Sight(blocked=True), (2, 0), False),
+        (Sight(blocked=True), (0, 4), True),
+        (Sight(blocked=True), (2, 2), True),
+        (Sight(blocked=True), (4, 2), False),
+        (Sight(3, blocked=True), (0, 4), False),
+    ],
+)
+def test_stations_and_distance_limit_the_sight(
+    sight: Sight, there: tuple[int, int], seen: bool
+) -> None:
+    stations = frozenset({(1, 0), (2, 1)})
+    assert sight.reaches((0, 0), there, stations) == seen
+
+
+@pytest.mark.parametrize("distance", [0, -1, 1.5, True, "2"])
+def test_distance_must_be_a_number_of_tiles(distance: object) -> None:
+    with pytest.raises(WrongArgumentError, match="distance: expected"):
+        Sight(distance)  # type: ignore[arg-type]
+
+
+def test_unknown_player_is_named() -> None:
+    with pytest.raises(UnknownNameError, match="no player 'robot9'"):
+        seen_by(World("multi_agent/01@3").initial, "robot9", Sight())
