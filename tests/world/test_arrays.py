@@ -21,6 +21,8 @@ from robotouille import (
     load_task,
     task_names,
 )
+from robotouille.errors import TooHardError
+from robotouille.world.arrays import reachable
 from robotouille.world.arrays.encoding import Encoding
 from tests.support.samples import quick_sample_per_folder
 
@@ -193,3 +195,11 @@ for ask in (world.initial.vector, world.initial.graph, lambda: world.initial.mas
 @pytest.mark.process
 def test_missing_numpy_names_the_extra() -> None:
     subprocess.run([sys.executable, "-c", WITHOUT], check=True)
+
+
+def test_too_many_actions_and_facts_for_memory_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A kitchen of 70 equal objects took 1.2 GiB, and larger ones would take all memory."""
+    monkeypatch.setattr(reachable, "MAX_BITS", 10_000)
+    world = World("multi_agent/01")
+    with pytest.raises(TooHardError, match="too many objects for arrays"):
+        world.ground_actions("robot1")

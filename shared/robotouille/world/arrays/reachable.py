@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from robotouille.domain.schema import Creation
-from robotouille.errors import RobotouilleError, SlotOverflowError
+from robotouille.errors import RobotouilleError, SlotOverflowError, TooHardError
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.grounding.atoms import EXISTS
 from robotouille.world.grounding.effects import Effect, EffectNode
@@ -22,6 +22,10 @@ Names = Mapping[str, str]
 
 MIN_SLOTS = 4
 """Default number of slots of a kind."""
+
+MAX_BITS = 500_000_000
+"""Largest number of actions, times the number of facts: each action has a few masks of all facts,
+so this takes about 300 MiB. Shipped tasks need up to 6 million."""
 
 MAX_KEPT = 1_000
 """Largest number of sets of created objects whose slots are cached."""
@@ -153,6 +157,9 @@ class Reachable:
         facts: Mask of the atoms.
         actions: The actions, sorted by key.
         effects: The effects, sorted by label.
+
+    Raises:
+        TooHardError: The task has too many objects to number its actions.
     """
 
     def __init__(self, task: GroundTask, slots: Slots) -> None:
@@ -175,9 +182,18 @@ class Reachable:
                     if action not in found and action.required & ~self.facts == 0:
                         found[action] = None
                         self._apply(action)
+                        self._check_size(len(found))
             grown = before != (self.facts, len(found), len(self._effects))
         self.actions: tuple[GroundAction, ...] = tuple(sorted(found, key=lambda a: a.key))
         self.effects: tuple[Effect, ...] = tuple(sorted(self._effects, key=self._effect_key))
+
+    def _check_size(self, actions: int) -> None:
+        facts = len(self._task.table.atoms)
+        if actions * facts > MAX_BITS:
+            raise TooHardError(
+                f"{self._task.task.name}: too many objects for arrays: at least {actions:,} "
+                f"actions and {facts:,} facts, whose product is above {MAX_BITS:,}"
+            )
 
     def _effect_key(self, effect: Effect) -> tuple[object, ...]:
         action, index, arguments = effect.label
