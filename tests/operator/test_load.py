@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
+from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_server.operator import load
 from robotouille_server.operator.load import ROWS_A_TURN, TURNS_A_SECOND, TURNS_BURST, Turns
@@ -75,6 +77,31 @@ async def test_turns_per_second_are_limited_for_all_operators_together() -> None
     assert loop.time() == began
     await asyncio.gather(*(turns.next() for _ in range(int(3 * TURNS_A_SECOND))))
     assert loop.time() - began == pytest.approx(3)
+
+
+@virtual
+async def test_refusals_are_limited_and_delay_no_operator(tmp_path: Path) -> None:
+    """A stranger's wrong tokens are free of the rates, so they would fill the event loop."""
+    loop = asyncio.get_running_loop()
+
+    def refuse(token: str) -> NoReturn:
+        raise ProtocolError("auth/invalid", "this token is invalid", "token")
+
+    async with viewing(tmp_path, view={"authorize": refuse}) as (_, _, api):
+
+        async def guess() -> None:
+            for _ in range(40):
+                answer = await api.http.get("/api/node", headers={"Authorization": "Bearer x"})
+                assert answer.status_code == 401
+
+        began = loop.time()
+        flood = asyncio.gather(*(guess() for _ in range(10)))
+        await asyncio.sleep(1)
+        asked = loop.time()
+        await api.get("/api/node")
+        assert loop.time() - asked < 0.1
+        await flood
+        assert loop.time() - began >= 2.9
 
 
 @virtual

@@ -256,6 +256,9 @@ class Guard:
 
     It wraps the whole application instead of being one of Starlette's middlewares: the responses
     of Starlette's own error handler need the headers too.
+
+    `refusals` are turns for refused requests. They are not those of operators, whom a stranger
+    without a token would otherwise keep waiting.
     """
 
     def __init__(
@@ -265,12 +268,14 @@ class Guard:
         logins: LoginAudit,
         rates: RequestRates,
         turns: Turns,
+        refusals: Turns,
     ) -> None:
         self._app = app
         self._access = access
         self._logins = logins
         self._rates = rates
         self._turns = turns
+        self._refusals = refusals
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
@@ -292,6 +297,7 @@ class Guard:
         try:
             scope["state"]["principal"] = self._admit(scope, slot)
         except RequestRefusedError as error:
+            await self._refusals.next()
             await _refuse(send_guarded, error)
         else:
             # Files of the page cost little, and their number is unlimited.

@@ -16,7 +16,7 @@ from robotouille.errors import MissingExtraError, RobotouilleError
 from robotouille_server.app import CannotListenError, Server
 from robotouille_server.auth import RoleGrant
 from robotouille_server.operator.guard import Access, Guard, LoginAudit, is_loopback
-from robotouille_server.operator.load import RequestRates
+from robotouille_server.operator.load import RequestRates, Turns
 from robotouille_server.runtime.logs import get_logger
 
 if TYPE_CHECKING:
@@ -153,7 +153,8 @@ async def _served(
     connections = ConnectionFactory(slots, tls, server.admission.loop_budget)
     rates = RequestRates(now)
     app = application(service, streams, rates)
-    guard = Guard(app, access, logins, rates, service.turns)
+    refusals = Turns(server.admission.loop_budget, now)
+    guard = Guard(app, access, logins, rates, service.turns, refusals)
     http = _http_server(guard, connections)
     ticks = (service.tick, logins.tick, slots.check)
     tasks = [
