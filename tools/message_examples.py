@@ -40,6 +40,7 @@ SENT = (
         seq=7,
         action=m.NamedAction(name="move", args=["robot1", "table1", "stove1"]),
         basis=12,
+        max_age=2,
         think_ms=850,
     ),
     m.Say(text="I take the stove"),

@@ -38,8 +38,8 @@ class Game(GameReplica):
             action: A ground action, its name and arguments, its sentence, its position in the
                 list of valid actions, or None to do nothing.
             seat: The client's seat that acts; the first one by default.
-            details: `think_ms`, `basis`, `reasoning`, `anticipates` and `waits`, as described in
-                `ActDetails`.
+            details: `think_ms`, `basis`, `max_age`, `reasoning`, `anticipates` and `waits`, as
+                described in `ActDetails`.
 
         Raises:
             ProtocolError: `seat/none`: spectators cannot act; `seat/unknown`: the client does

@@ -93,7 +93,7 @@ def test_action_is_answered_by_its_step(server: ScriptedServer, game: GameReplic
     assert (act.seq, act.basis, act.think_ms) == (seq, 0, 5)
     assert game.unanswered == (act,)
     game.receive(server.delta([first_action(game)], seq=[seq]), 0.0)
-    assert game.results() == [(seq, ActResult(True, 1))]
+    assert game.results() == [(seq, ActResult(True, 1, age=0))]
     assert (game.unanswered, game.get_timer()) == ((), None)
 
 
@@ -102,7 +102,7 @@ def test_idle_decision_is_answered_by_the_next_step(
 ) -> None:
     seq = game.propose(None, 0.0)
     game.receive(server.delta(), 0.0)
-    assert game.results() == [(seq, ActResult(True, 1))]
+    assert game.results() == [(seq, ActResult(True, 1, age=0))]
 
 
 def test_rejection_has_reasons(game: GameReplica) -> None:
@@ -110,7 +110,30 @@ def test_rejection_has_reasons(game: GameReplica) -> None:
     game.receive(
         messages.Rejected(seq=seq, step=0, action="?", reasons=["no"], code="action/unknown"), 0.0
     )
-    assert game.results() == [(seq, rejected(0, "no", "action/unknown"))]
+    unknown = only_words("no", kind=UnmetKind.UNKNOWN)
+    assert game.results() == [(seq, ActResult(False, 0, unknown, "action/unknown", age=0))]
+
+
+def test_age_is_counted_from_the_basis(server: ScriptedServer, game: GameReplica) -> None:
+    game.receive(server.delta(), 0.0)
+    game.receive(server.delta(), 0.0)
+    seq = game.propose(first_action(game), 0.0, basis=1, max_age=1)
+    (act,) = game.messages_to_send()
+    assert isinstance(act, messages.Act)
+    assert (act.basis, act.max_age) == (1, 1)
+    game.receive(server.delta([first_action(game)], seq=[seq]), 0.0)
+    assert game.results() == [(seq, ActResult(True, 3, age=1))]
+
+
+def test_stale_action_has_a_kind_and_an_age(server: ScriptedServer, game: GameReplica) -> None:
+    game.receive(server.delta(), 0.0)
+    game.receive(server.delta(), 0.0)
+    seq = game.propose(None, 0.0, basis=0, max_age=1)
+    stale = messages.Rejected(seq=seq, step=2, action="x", reasons=["old"], code="action/stale")
+    game.receive(stale, 0.0)
+    ((_, result),) = game.results()
+    assert (result.applied, result.age, result.code) == (False, 2, "action/stale")
+    assert [unmet.kind for unmet in result.unmet] == [UnmetKind.STALE]
 
 
 def test_later_action_supersedes_earlier_ones(server: ScriptedServer, game: GameReplica) -> None:
@@ -118,7 +141,7 @@ def test_later_action_supersedes_earlier_ones(server: ScriptedServer, game: Game
     reason = Unmet(UnmetKind.SUPERSEDED, f"superseded by action {second}")
     superseded = ActResult(False, 1, (reason,), "action/invalid")
     game.receive(server.delta([first_action(game)], seq=[second]), 0.0)
-    assert game.results() == [(first, superseded), (second, ActResult(True, 1))]
+    assert game.results() == [(first, superseded), (second, ActResult(True, 1, age=0))]
 
 
 def test_snapshot_answers_the_last_action(server: ScriptedServer, game: GameReplica) -> None:
@@ -251,9 +274,9 @@ def test_idle_decision_is_answered_in_its_own_turn(
     team.receive(server.snapshot(turn="robot1"), 0.0)
     first, second = (team.propose(None, 0.0, seat=seat) for seat in team.own_seats)
     team.receive(server.delta().model_copy(update={"turn": "robot2"}), 0.0)
-    assert team.results() == [(first, ActResult(True, 1))]
+    assert team.results() == [(first, ActResult(True, 1, age=0))]
     team.receive(server.delta().model_copy(update={"turn": "robot1"}), 0.0)
-    assert team.results() == [(second, ActResult(True, 2))]
+    assert team.results() == [(second, ActResult(True, 2, age=1))]
 
 
 def test_snapshot_answers_the_last_action_of_each_seat(
@@ -264,7 +287,7 @@ def test_snapshot_answers_the_last_action_of_each_seat(
     answer = messages.SeatAnswer(seat="robot2", seq=second, step=1, reasons=["too late"])
     team.receive(server.snapshot(last_seq=first, last_step=1, answers=[answer], seq=9), 0.0)
     assert team.results() == [
-        (first, ActResult(True, 1)),
+        (first, ActResult(True, 1, age=0)),
         (second, rejected(1, "too late", "action/invalid")),
     ]
     assert team.propose(None, 0.0) == 10

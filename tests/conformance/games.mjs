@@ -40,7 +40,7 @@ export async function conversation({ url, subprotocol, create, seats, plan }) {
   await settle();
   eve.send({ type: "act", seq: Number.MAX_SAFE_INTEGER, action: null });
   bob.send({ type: "act", seq: 1, action: { name: "fly", args: ["robot1"] } });
-  bob.send({ type: "act", seq: 2, action: 0, basis: 99, think_ms: 850, reasoning: "why not" });
+  bob.send({ type: "act", seq: 2, action: 0, basis: 99, max_age: 3, think_ms: 850, reasoning: "why not" });
   await settle();
   bob.send({ type: "resync" });
   await settle();

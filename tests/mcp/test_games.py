@@ -95,8 +95,12 @@ async def test_real_time_passes_while_an_agent_thinks(server: Server) -> None:
         await asyncio.sleep(4)
         late = await ada.call("wait", timeout_seconds=0)
         assert late["step"] > view["step"]
-        moved = await ada.call("act", action=view["actions"][0])
-        assert moved["action"]["status"] == "applied"
+        await asyncio.sleep(4)
+        stale = await ada.call("act", action=view["actions"][0], max_age=3)
+        assert (stale["action"]["status"], stale["action"]["code"]) == ("rejected", "action/stale")
+        assert stale["action"]["age"] > 3
+        moved = await ada.call("act", action=view["actions"][0], max_age=3)
+        assert (moved["action"]["status"], moved["action"]["age"] <= 3) == ("applied", True)
         assert (await ada.call("wait", until="my_move"))["your_move"]
 
 

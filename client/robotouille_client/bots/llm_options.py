@@ -25,6 +25,15 @@ LateOption = Annotated[
         help="Language models in real time: handling of late answers (docs/evaluate_models.md)."
     ),
 ]
+MaxAgeOption = Annotated[
+    int | None,
+    typer.Option(
+        min=0,
+        max=1_000_000,
+        help="Language models in real time: drop answers to observations that are more steps old "
+        "than this.",
+    ),
+]
 DigestTokensOption = Annotated[
     int,
     typer.Option(
@@ -88,6 +97,7 @@ class LlmBotOptions(ModelOptions):
         ),
     ] = None
     late: LateOption = "apply"
+    max_age: MaxAgeOption = None
     helper: Annotated[
         Literal["none", "planner"],
         typer.Option(help="Language models in real time: bot that acts while the model thinks."),

@@ -13,12 +13,13 @@ from robotouille.errors import RobotouilleError
 from robotouille.protocol import messages
 from robotouille.terminal import quoted
 from robotouille_client.client import Client
-from robotouille_client.game import Game
+from robotouille_client.game import ActDetails, Game
 from robotouille_client.mcp_server.results import (
     ActionOutcome,
     ChatMessage,
     EpisodeOutcome,
     GameView,
+    ValidActions,
 )
 from robotouille_client.sansio.game_events import (
     ActResult,
@@ -196,18 +197,26 @@ class OpenGame:
         self._client = client
         self._log = GameLog(game)
         self._shown = ""
+        self._seen_step = 0
         self._asked: tuple[str, asyncio.Future[ActResult]] | None = None
 
     # Calls
 
-    async def act(self, action: str, reasoning: str | None, timeout: float) -> GameView:
+    async def act(
+        self, action: str, reasoning: str | None, timeout: float, max_age: int | None = None
+    ) -> GameView:
         """Send an action, and wait for its result, but at most `timeout` seconds.
+
+        The action is based on the last view that the caller received.
 
         Raises:
             ProtocolError: `seat/none`: spectators cannot act.
             ValueError: The message does not allow one of the arguments.
         """
-        future = self.game.submit(action, reasoning=reasoning)
+        details: ActDetails = {"basis": self._seen_step, "reasoning": reasoning}
+        if max_age is not None:  # Servers without this rule reject the field.
+            details["max_age"] = max_age
+        future = self.game.submit(action, **details)
         self._asked = (action, future)
         await asyncio.wait({future}, timeout=timeout)
         if self._at_its_end:
@@ -253,6 +262,11 @@ class OpenGame:
         """The sentences of the seat's valid actions."""
         return [] if self.game.ended else [action.sentence for action in self.game.actions]
 
+    def valid_actions(self) -> ValidActions:
+        """Return the seat's valid actions now."""
+        self._seen_step = self.game.step
+        return ValidActions(step=self.game.step, your_move=self.your_move, actions=self.actions)
+
     def view(self, *, whole: bool = False) -> GameView:
         """Return the current view with all unread events.
 
@@ -262,6 +276,7 @@ class OpenGame:
         self._listen()
         news = self._log.read()
         game = self.game
+        self._seen_step = game.step
         return GameView(
             game=self.handle,
             episode=game.code,
@@ -308,7 +323,12 @@ class OpenGame:
         action, future = self._asked
         if not future.done():
             return ActionOutcome(
-                action=action, status="pending", step=self.game.step, reasons=[], code=""
+                action=action,
+                status="pending",
+                step=self.game.step,
+                reasons=[],
+                code="",
+                age=None,
             )
         self._asked = None
         result = future.result()
@@ -318,6 +338,7 @@ class OpenGame:
             step=result.step,
             reasons=list(result.reasons),
             code=result.code,
+            age=result.age,
         )
 
     def _next(self) -> str:

@@ -114,6 +114,10 @@ class ActionOutcome(BaseModel):
     step: Annotated[int, Field(description="The step in which it was applied or rejected.")]
     reasons: Annotated[list[str], Field(description="Reasons for the rejection.")]
     code: Annotated[str, Field(description="The error code of a rejection.")]
+    age: Annotated[
+        int | None,
+        Field(description="Steps from the view that you received to the state it was tried in."),
+    ]
 
 
 class EpisodeOutcome(BaseModel):

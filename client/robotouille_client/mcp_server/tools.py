@@ -142,9 +142,7 @@ async def observe(ctx: Ctx, game: Handle = None) -> Annotated[CallToolResult, Ga
 async def list_actions(ctx: Ctx, game: Handle = None) -> Annotated[CallToolResult, ValidActions]:
     """List your valid actions now."""
     with explained(), _games(ctx).using(caller_of(ctx), game) as opened:
-        row = ValidActions(
-            step=opened.game.step, your_move=opened.your_move, actions=opened.actions
-        )
+        row = opened.valid_actions()
         return _result(row, "\n".join(row.actions) or "You cannot act now; call wait.")
 
 
@@ -162,6 +160,15 @@ async def act(
         str | None,
         Field(description="Your reasons, for the recording. No player sees them.", max_length=8000),
     ] = None,
+    max_age: Annotated[
+        int | None,
+        Field(
+            description="Reject the action if the kitchen has moved on by more steps than this "
+            "since the last view that you received.",
+            ge=0,
+            le=1_000_000,
+        ),
+    ] = None,
     timeout_seconds: Seconds = 20,
     game: Handle = None,
 ) -> Annotated[CallToolResult, GameView]:
@@ -174,7 +181,7 @@ async def act(
             raise ToolError("The game has not begun: it waits for other players. Call wait.")
         if opened.game.ended:
             raise ToolError("The episode has ended. Call observe for its outcome, then leave.")
-        return _seen(await opened.act(action, reasoning, timeout_seconds))
+        return _seen(await opened.act(action, reasoning, timeout_seconds, max_age))
 
 
 async def wait(

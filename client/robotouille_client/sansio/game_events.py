@@ -12,7 +12,7 @@ from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.signals import Signal
-from robotouille.world.unmet import Unmet, only_words
+from robotouille.world.unmet import Unmet, UnmetKind, only_words
 from robotouille.world.world import State, World
 
 # Under these controllers, a seat's actions do not count for its participant.
@@ -80,10 +80,17 @@ def _player(world: World, number: int) -> str:
     return world.players[number]
 
 
-def unmet_from(words: Sequence[str], why: Sequence[messages.Why]) -> tuple[Unmet, ...]:
+KINDS = {ErrorCode.ACTION_STALE: UnmetKind.STALE, ErrorCode.ACTION_UNKNOWN: UnmetKind.UNKNOWN}
+"""Kinds of reasons without data, by error code."""
+
+
+def unmet_from(
+    words: Sequence[str], why: Sequence[messages.Why], code: str = ""
+) -> tuple[Unmet, ...]:
     """Return unmet conditions from their texts and structured reasons."""
     if len(words) != len(why):  # The reasons are not about the action, such as a full quota.
-        return only_words(*words)
+        kinds = (kind for known, kind in KINDS.items() if known == code)
+        return only_words(*words, kind=next(kinds, UnmetKind.OTHER))
     return tuple(each.value(text) for each, text in zip(why, words, strict=True))
 
 
@@ -224,12 +231,18 @@ GameEvent = (
 
 @dataclass(frozen=True, slots=True)
 class ActResult:
-    """The result of an action: applied, or rejected with unmet conditions and an error code."""
+    """The result of an action: applied, or rejected with unmet conditions and an error code.
+
+    Attributes:
+        age: Number of steps from the basis of the action to the state in which it was tried, or
+            rejected; None if that is unknown.
+    """
 
     applied: bool
     step: int
     unmet: tuple[Unmet, ...] = ()
     code: str = ""
+    age: int | None = None
 
     @classmethod
     def of(cls, step: int, unmet: tuple[Unmet, ...]) -> ActResult:

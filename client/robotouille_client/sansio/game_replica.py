@@ -67,6 +67,8 @@ class ActDetails(TypedDict, total=False):
         think_ms: Milliseconds of thought, for episodes in which thinking time is declared.
         basis: The step on which the choice is based, for the recording. Defaults to the current
             step; None leaves it open.
+        max_age: Most steps from `basis` to the state in which the action is tried. An older action
+            is rejected with `action/stale`. Servers without this rule reject the message.
         reasoning: Text for the recording that no player sees, of at most 8,000 characters.
         anticipates: True if the action may become valid through another action in the same step.
             Servers that do not support this reject an action that is not valid yet.
@@ -76,6 +78,7 @@ class ActDetails(TypedDict, total=False):
 
     think_ms: int
     basis: int | None
+    max_age: int | None
     reasoning: str | None
     anticipates: bool
     waits: bool
@@ -515,7 +518,8 @@ class GameReplica:
         self._caught_up(now)
 
     def _settle(self, seat: str | None, seq: int, step: int, reasons: Sequence[str]) -> None:
-        self._sent.settle(seat, seq, ActResult.of(step, only_words(*reasons)))
+        # The step of a rejection may be that of its arrival or of its attempt: the age is unknown.
+        self._sent.settle(seat, seq, ActResult.of(step, only_words(*reasons)), aged=not reasons)
 
     def _observe(self, message: messages.Observation, now: float) -> None:
         if self.has_state:
@@ -542,7 +546,7 @@ class GameReplica:
         limited = message.code == ErrorCode.RATE_LIMITED
         if limited and self._sent.slow_down(message.seq, now):
             return
-        unmet = unmet_from(message.reasons, message.why)
+        unmet = unmet_from(message.reasons, message.why, message.code)
         self._sent.resolve(message.seq, ActResult(False, message.step, unmet, message.code))
         seat = message.seat or self.seat or ""
         self._emit(

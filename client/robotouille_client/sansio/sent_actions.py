@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from robotouille.protocol import messages
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import Unmet, UnmetKind, only_words
@@ -29,6 +31,7 @@ class SentActions:
     def __init__(self, seq: int) -> None:
         self.seq = seq
         self._undecided: dict[int, str] = {}
+        self._bases: dict[int, int | None] = {}
         self._unanswered: dict[str, messages.Act] = {}
         self._again_at: dict[str, float] = {}
         self._results: list[tuple[int, ActResult]] = []
@@ -46,6 +49,7 @@ class SentActions:
     def add(self, seat: str, act: messages.Act, now: float) -> None:
         """Track an action that is about to be sent."""
         self._undecided[act.seq] = seat
+        self._bases[act.seq] = act.basis
         self._unanswered[seat] = act
         self._again_at[seat] = now + REPEAT_SECONDS
 
@@ -77,17 +81,21 @@ class SentActions:
 
     # Answers
 
-    def settle(self, seat: str | None, seq: int, result: ActResult) -> None:
-        """Record the result of a seat's action, and that earlier ones were superseded."""
+    def settle(self, seat: str | None, seq: int, result: ActResult, *, aged: bool = True) -> None:
+        """Record the result of a seat's action, and that earlier ones were superseded.
+
+        Args:
+            aged: True if the action was tried in the step of the result, so that its age is known.
+        """
         # The server reports one action per seat and step, and not the actions that this one
         # replaced before the step was taken.
         for earlier in sorted(s for s, whose in self._undecided.items() if whose == seat):
             if earlier < seq:
                 superseded = Unmet(UnmetKind.SUPERSEDED, f"superseded by action {seq}")
-                self.resolve(earlier, ActResult.of(result.step, (superseded,)))
+                self._resolve(earlier, ActResult.of(result.step, (superseded,)), None)
         # Another process that played these seats may have used the number for another seat.
         if self._undecided.get(seq) == seat:
-            self.resolve(seq, result)
+            self._resolve(seq, result, result.step - 1 if aged else None)
 
     def settle_idle(self, step: int, turn: str | None) -> None:
         """Settle decisions to do nothing after a step: those of one seat (its turn) or of all."""
@@ -97,20 +105,26 @@ class SentActions:
                 self.settle(seat, act.seq, ActResult.of(step, ()))
 
     def resolve(self, seq: int, result: ActResult) -> None:
-        """Record the result of one action, unless it already has one."""
+        """Record a rejection on arrival, unless the action already has a result."""
+        self._resolve(seq, result, result.step)
+
+    def _resolve(self, seq: int, result: ActResult, tried_at: int | None) -> None:
+        """Record the result of one action, which was tried in the state of a step."""
         # Results arrive twice when an action was repeated, or when a snapshot repeats them.
         seat = self._undecided.pop(seq, None)
+        basis = self._bases.pop(seq, None)
         if seat is None:
             return
         last = self._unanswered.get(seat)
         if last is not None and last.seq == seq:
             del self._unanswered[seat]
-        self._results.append((seq, result))
+        age = None if basis is None or tried_at is None else tried_at - basis
+        self._results.append((seq, replace(result, age=age)))
 
     def resolve_all(self, step: int, reason: str, code: str) -> None:
         """Reject all undecided actions."""
         for seq in sorted(self._undecided):
-            self.resolve(seq, ActResult(False, step, only_words(reason), code))
+            self._resolve(seq, ActResult(False, step, only_words(reason), code), None)
 
     def reject(self, seq: int, step: int, reason: str, code: str) -> None:
         """Reject an action without sending it."""

@@ -65,7 +65,11 @@ class LanguageModelBot:
         helper = options.helper
         maker = policy_maker(BotKind(helper), seed) if helper != "none" else None
         real_time = RealTimeOptions(
-            LatePolicy(options.late), options.digest_tokens, maker, Charge.parse(options.charge)
+            LatePolicy(options.late),
+            options.digest_tokens,
+            maker,
+            Charge.parse(options.charge),
+            options.max_age,
         )
         choice = ModelChoice.of_options(options)
         return cls(choice, options.strategy, options.transcript, seed, real_time, control)

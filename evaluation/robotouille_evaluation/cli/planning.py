@@ -104,6 +104,7 @@ def _real_time(options: RunOptions) -> RealTime | None:
         late=LatePolicy(options.late),
         helper=options.helper,
         digest_tokens=options.digest_tokens,
+        max_age=options.max_age,
         slack=options.slack,
     )
     if options.clock == "realtime":

@@ -13,6 +13,7 @@ from robotouille_client.bots.llm_options import (
     AttemptsOption,
     DigestTokensOption,
     LateOption,
+    MaxAgeOption,
     ModelOptions,
     TimeoutOption,
 )
@@ -136,6 +137,7 @@ class RunOptions(WorkerOptions, ModelOptions):
         ),
     ] = "tokens:20"
     late: LateOption = "apply"
+    max_age: MaxAgeOption = None
     helper: Annotated[
         Literal["none", "planner", "script"],
         typer.Option(help="Real time: bot that acts while a model thinks."),

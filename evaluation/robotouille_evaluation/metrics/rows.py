@@ -61,11 +61,13 @@ class RealTimeRow(RowModel):
     late: str
     helper: str = "none"
     digest_tokens: int = Field(default=0, ge=0)
+    max_age: Number | None = None
 
     def __str__(self) -> str:
         more = f", digest of {self.digest_tokens} tokens" if self.digest_tokens else ""
         helper = f", helper {self.helper}" if self.helper != "none" else ""
-        return f"{self.step_rate:g} steps/s, {self.charge}, {self.late}{helper}{more}"
+        late = self.late if self.max_age is None else f"{self.late} up to {self.max_age} steps"
+        return f"{self.step_rate:g} steps/s, {self.charge}, {late}{helper}{more}"
 
 
 class Result(RowModel):

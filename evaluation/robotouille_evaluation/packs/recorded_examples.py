@@ -20,7 +20,7 @@ from robotouille_evaluation.packs.example_episodes import REACT, ExampleChoice, 
 from robotouille_evaluation.packs.pack import ExampleEpisode, Pack
 
 UPCOMING = 3
-"""Actions that the reasoning names if the recording has none."""
+"""Number of next actions in a reasoning that the recording lacks."""
 
 
 def recorded_choices(recording: Recording, seat: str = "") -> list[ExampleChoice]:

@@ -18,7 +18,7 @@ from robotouille.replay.model_calls import CallNotes
 from robotouille.world.grounding.actions import GroundAction
 from robotouille_client import Game
 from robotouille_client.bots.seat_policy import MakePolicy, SeatPolicy
-from robotouille_client.game import RequestedAction
+from robotouille_client.game import ActDetails, RequestedAction
 from robotouille_client.sansio.game_events import ActResult, GameEvent, StateChanged
 from robotouille_evaluation.agents.network import GameChat, give_up, rejected_text
 from robotouille_evaluation.agents.proposal import (
@@ -44,6 +44,7 @@ class RealTimeOptions:
     Args:
         late: Rule for late answers.
         digest_tokens: Longest digest of changes; no digest if 0.
+        max_age: Most steps between an observation and the answer to it; unlimited if None.
         helper: Returns the policy that acts while the model thinks; None for no helper.
         charge: Cost of thinking if the episode's rules let players declare it. With the wall
             clock, time passes by itself and nothing is charged.
@@ -53,6 +54,7 @@ class RealTimeOptions:
     digest_tokens: int = 0
     helper: MakePolicy | None = None
     charge: Charge = WALL
+    max_age: int | None = None
 
 
 class RealTimeAgent:
@@ -79,8 +81,10 @@ class RealTimeAgent:
         self._options = options or RealTimeOptions()
         self._exchanged = exchanged
         self._declared = game.clock.get("thinking") == "declared"
-        late, tokens = self._options.late, self._options.digest_tokens
-        self._seat = RealTimeSeat(game.seat or "", strategy, late, tokens)
+        options = self._options
+        self._seat = RealTimeSeat(
+            game.seat or "", strategy, options.late, options.digest_tokens, options.max_age
+        )
         self._calls = CallNotes()
         self._chat = GameChat(game)
         self._thought: asyncio.Task[Proposal] | None = None
@@ -225,7 +229,8 @@ class RealTimeAgent:
         step, think_ms = self._game.step, self._think_ms
         self._think_ms = 0
         action = choice.action or None
-        result = await self._send(action, choice.basis, choice.reasoning, think_ms)
+        limit: ActDetails = {} if choice.max_age is None else {"max_age": choice.max_age}
+        result = await self._send(action, choice.basis, choice.reasoning, think_ms, limit)
         if result.applied:
             self._acted = max(step, result.step - 1)
         else:
@@ -260,13 +265,19 @@ class RealTimeAgent:
         return action if valid else None
 
     async def _send(
-        self, action: RequestedAction, basis: int | None, reasoning: str = "", think_ms: int = 0
+        self,
+        action: RequestedAction,
+        basis: int | None,
+        reasoning: str = "",
+        think_ms: int = 0,
+        limit: ActDetails | None = None,
     ) -> ActResult:
         """Send an action, without the reasoning if the server's quota for it is used up."""
-        game = self._game
-        result = await game.act(action, think_ms=think_ms, basis=basis, reasoning=reasoning or None)
+        details: ActDetails = {"think_ms": think_ms, "basis": basis, **(limit or {})}
+        said: ActDetails = {**details, "reasoning": reasoning or None}
+        result = await self._game.act(action, **said)
         if reasoning and result.code == ErrorCode.RATE_WORDS:
-            result = await game.act(action, think_ms=think_ms, basis=basis)
+            result = await self._game.act(action, **details)
         return result
 
     def _note(self) -> None:

@@ -38,6 +38,8 @@ class SeatDecision:
     basis: int
     reasoning: str = ""
     valid: bool = True
+    max_age: int | None = None
+    """Most steps from the basis to the state in which the action is tried, if limited."""
 
 
 class RealTimeSeat:
@@ -49,6 +51,7 @@ class RealTimeSeat:
     Args:
         late: Rule for late answers.
         digest_tokens: Longest digest of changes above an observation; no digest if 0.
+        max_age: Most steps between an observation and the answer to it. An older answer is dropped.
     """
 
     def __init__(
@@ -57,11 +60,13 @@ class RealTimeSeat:
         strategy: Strategy,
         late: LatePolicy = LatePolicy.APPLY,
         digest_tokens: int = 0,
+        max_age: int | None = None,
     ) -> None:
         self._player = player
         self._strategy = strategy
         self._late = late
         self._digest_tokens = digest_tokens
+        self._max_age = max_age
         self._look: ObservedStep | None = None
         self._thinking = False
         self._plan: list[str] = []
@@ -135,15 +140,18 @@ class RealTimeSeat:
             return None
         action, look = self._plan[0], self._look
         # Only the first action of an answer can be late; the others follow it.
+        max_age = self._max_age if self._fresh and action else None
         if self._fresh:
             self._fresh = False
-            if action and not still_holds(self._late, action, look, now):
+            old = max_age is not None and now.step - look.step > max_age
+            if old or (action and not still_holds(self._late, action, look, now)):
                 self._drop(look, action)
                 return None
             self._end(look, AnswerFate.USED)
         self._plan.pop(0)
         reasoning, self._reasoning = self._reasoning, ""
-        return SeatDecision(action, look.step, reasoning, not action or action in now.valid)
+        valid = not action or action in now.valid
+        return SeatDecision(action, look.step, reasoning, valid, max_age)
 
     def rejected(self, action: str, reasons: Sequence[str] = ()) -> None:
         """Drop the rest of the plan after a rejected action, and keep the reasons as feedback."""

@@ -231,7 +231,9 @@ class _JobEpisode:
     ) -> TeamResult:
         runner = self._new_runner(math.ceil(self._budget), timing.step_rate)
         seats = {
-            player: RealTimeSeat(player, strategy, timing.late, timing.digest_tokens)
+            player: RealTimeSeat(
+                player, strategy, timing.late, timing.digest_tokens, timing.max_age
+            )
             for player, strategy in self._agents.strategies.items()
         }
         episode = RealTimeEpisode(

@@ -35,6 +35,7 @@ class RealTime(BaseModel):
         late: Rule for late answers.
         helper: Policy that acts while a model thinks.
         digest_tokens: Longest digest of changes that a model is shown.
+        max_age: Most steps between an observation and the answer to it; unlimited if None.
         slack: Factor of the step limit.
     """
 
@@ -45,6 +46,7 @@ class RealTime(BaseModel):
     late: LatePolicy = LatePolicy.APPLY
     helper: HelperKind = "none"
     digest_tokens: int = Field(default=0, ge=0)
+    max_age: int | None = Field(default=None, ge=0, le=MAX_NUMBER)
     slack: float = Field(default=1.0, ge=1, le=1000)
 
     @field_validator("charge")
@@ -146,6 +148,8 @@ class EpisodeJob(BaseModel):
             del content["variant"]
         if self.real_time is None:
             del content["real_time"]
+        elif self.real_time.max_age is None:
+            del content["real_time"]["max_age"]
         if self.control == "each":
             del content["control"]
         if not self.experiment:

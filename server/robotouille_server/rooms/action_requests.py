@@ -155,6 +155,7 @@ def _with_action(request: messages.Act, action: GroundAction | str | None) -> Ac
         think_ms=request.think_ms,
         anticipates=request.anticipates,
         waits=request.waits,
+        max_age=request.max_age,
     )
 
 

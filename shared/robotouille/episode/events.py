@@ -22,7 +22,9 @@ ACTION_INVALID = "action/invalid"
 """Code for an action whose preconditions do not hold."""
 ACTION_UNKNOWN = "action/unknown"
 """Code for a text that names no action."""
-# These three are texts and not members of `robotouille.protocol.ErrorCode`: the game's logic must
+ACTION_STALE = "action/stale"
+"""Code for an action that is outdated."""
+# These four are texts and not members of `robotouille.protocol.ErrorCode`: the game's logic must
 # not depend on the protocol (docs/decisions/0023).
 UNREADABLE = "message/"
 """Prefix of the codes for messages that cannot be read."""
@@ -171,7 +173,7 @@ class RejectionKind(StrEnum):
     """Kind of a request that was not taken into a step."""
 
     INVALID = "invalid"
-    """An action whose preconditions did not hold on arrival."""
+    """An action whose preconditions did not hold on arrival, or that was too old."""
     MALFORMED = "malformed"
     """A text that names no action."""
     SUPERSEDED = "superseded"

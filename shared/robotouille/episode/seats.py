@@ -29,7 +29,9 @@ class ActionRequest(NamedTuple):
         seq: The seat's number for the request. A repeated number has no second effect, and a lower
             one is stale.
         action: The action, or the text that names it (see `World.parse`); None to do nothing.
-        basis: The step on whose state the choice was made. Only recorded; a future step is dropped.
+        basis: The step on whose state the choice was made. A future step is dropped.
+        max_age: Most steps between the basis and the state in which the action is tried. An older
+            action is stale.
         reasoning: Text for the recording. Nobody else receives it.
         think_ms: Milliseconds of thought, which count if the rules say `declared`.
         anticipates: The action may become possible through another player's action in the same
@@ -44,6 +46,7 @@ class ActionRequest(NamedTuple):
     think_ms: int = 0
     anticipates: bool = False
     waits: bool = False
+    max_age: int | None = None
 
 
 @dataclass(slots=True)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from robotouille.episode.events import (
     ACTION_INVALID,
+    ACTION_STALE,
     ACTION_UNKNOWN,
     ActionRejected,
     PlayedMove,
@@ -33,6 +34,14 @@ class RejectionReasons(NamedTuple):
 
     unmet: tuple[Unmet, ...]
     code: str = ACTION_INVALID
+
+
+KINDS = {ACTION_STALE: UnmetKind.STALE, ACTION_UNKNOWN: UnmetKind.UNKNOWN}
+"""Kinds of reasons that only have words, by the code of the rejection."""
+
+
+def _in_words(code: str, message: str) -> RejectionReasons:
+    return RejectionReasons(only_words(message, kind=KINDS.get(code, UnmetKind.OTHER)), code)
 
 
 class StepDecisions(NamedTuple):
@@ -65,13 +74,13 @@ class Submissions:
 
     def reject(self, player: str, request: ActionRequest, why: ProtocolError, now: float) -> None:
         """Reject a request whose action could not be read; see `Episode.reject`."""
-        fault = RejectionReasons(only_words(why.message), why.code)
+        fault = _in_words(why.code, why.message)
         self._receive(self._record.seat(player), request, fault, now)
 
     def refuse(self, player: str, request: ActionRequest, why: ProtocolError, now: float) -> None:
         """Record a request that is not evaluated; see `Episode.refuse`."""
         self._record.check_open()
-        seat, unmet = self._record.seat(player), only_words(why.message)
+        seat, unmet = self._record.seat(player), _in_words(why.code, why.message).unmet
         sentence = _sentence(request.action)
         event = ActionRejected(
             player,
@@ -154,12 +163,13 @@ class Submissions:
         self, seat: Seat, request: ActionRequest, fault: RejectionReasons | None, now: float
     ) -> bool:
         action = request.action
+        fault = fault or self._outdated(request)
         if fault is None and isinstance(action, str):
             record = self._record
             try:
                 action = record.world.parse(record.state, seat.player, action, valid=False)
             except UnknownNameError as error:
-                fault = RejectionReasons(only_words(str(error)), ACTION_UNKNOWN)
+                fault = _in_words(ACTION_UNKNOWN, str(error))
         if fault is None and not isinstance(action, str):
             unmet = self._faults(seat, action, anticipates=request.anticipates)
             if not unmet:
@@ -170,6 +180,21 @@ class Submissions:
         if fault is not None:
             self._reject(seat, request, _sentence(action), fault, now)
         return False
+
+    def _outdated(self, request: ActionRequest) -> RejectionReasons | None:
+        """Return the fault of a request that is older than it allows, if it is."""
+        allowed, basis = request.max_age, request.basis
+        if allowed is None:
+            return None
+        if basis is None:
+            words = f"max_age needs 'basis', a step up to the current step {self._record.step}"
+            return _in_words(ACTION_STALE, words)
+        # Declared thinking counts: the action is tried when it is over.
+        age = self._record.step + self._record.clock.delay(request.think_ms) - basis
+        if age <= allowed:
+            return None
+        words = f"the action is {age} steps old, and at most {allowed} are allowed"
+        return _in_words(ACTION_STALE, words)
 
     def _faults(
         self, seat: Seat, action: GroundAction | None, *, anticipates: bool = False

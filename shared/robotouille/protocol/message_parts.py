@@ -164,7 +164,8 @@ class Why(FromServer):
         description="`condition`: `predicate` of `objects` is not as `expected`. `missing`: an "
         "object does not exist. `busy`: the player cannot act yet. `acted`: the player has already "
         "acted in this step. `turn`: it is another player's turn. `seat`: the action moves another "
-        "seat's player. `superseded`: a later action replaced this one. `other`: see the text. "
+        "seat's player. `superseded`: a later action replaced this one. `stale`: the "
+        "action is outdated. `unknown`: there is no such action. `other`: see the text. "
         "Treat unknown values as `other`."
     )
     predicate: str = Field(default="", description="The unmet predicate, if `kind` is `condition`.")

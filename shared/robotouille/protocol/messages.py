@@ -360,7 +360,13 @@ class Act(Message):
     )
     basis: Position | None = Field(
         default=None,
-        description="The step on which the choice is based. Recorded; required with an index.",
+        description="The step on which the choice is based. Recorded; required with an index and "
+        "with `max_age`.",
+    )
+    max_age: Position | None = Field(
+        default=None,
+        description="Most steps from `basis` to the state in which the action is tried. An older "
+        "action gets `rejected` with `action/stale`.",
     )
     think_ms: Annotated[int, Field(ge=0, le=86_400_000)] = Field(
         default=0,

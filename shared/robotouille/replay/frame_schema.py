@@ -33,7 +33,7 @@ from robotouille.episode.rules import MAX_LABELS, SeatTreatment
 from robotouille.errors import RecordingError
 from robotouille.protocol.states import why_row
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.unmet import UnmetKind
+from robotouille.world.unmet import WORDED
 from robotouille.world.world import State, Step, World
 
 
@@ -408,7 +408,7 @@ def milliseconds(seconds: float) -> int:
 
 def _why(event: ActionRejected) -> list[dict[str, Any]]:
     # Reasons that are only text have nothing to add to `reasons`.
-    if all(unmet.kind is UnmetKind.OTHER for unmet in event.unmet):
+    if all(unmet.kind in WORDED for unmet in event.unmet):
         return []
     return [why_row(unmet) for unmet in event.unmet]
 

@@ -35,8 +35,16 @@ class UnmetKind(StrEnum):
     """The action moves the player of another seat."""
     SUPERSEDED = "superseded"
     """The same seat sent another action later."""
+    STALE = "stale"
+    """The action is outdated, or based on a state that is older than it allows."""
+    UNKNOWN = "unknown"
+    """The text or name is not an action of the task."""
     OTHER = "other"
     """Another reason, described by the words alone."""
+
+
+WORDED = frozenset({UnmetKind.OTHER, UnmetKind.STALE, UnmetKind.UNKNOWN})
+"""Kinds of reasons without a predicate and objects. Recordings have their words and code only."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,9 +106,9 @@ def acted_already(player: str) -> tuple[Unmet, ...]:
     return (Unmet(UnmetKind.ACTED, words, objects=(player,)),)
 
 
-def only_words(*reasons: str) -> tuple[Unmet, ...]:
+def only_words(*reasons: str, kind: UnmetKind = UnmetKind.OTHER) -> tuple[Unmet, ...]:
     """Return reasons that consist of words alone."""
-    return tuple(Unmet(UnmetKind.OTHER, words) for words in reasons)
+    return tuple(Unmet(kind, words) for words in reasons)
 
 
 def need(fact: str, expected: bool) -> str:

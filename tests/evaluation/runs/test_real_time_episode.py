@@ -106,6 +106,19 @@ def test_thoughts_cost_steps(tmp_path: Path) -> None:
     assert str(row.real_time) == "5 steps/s, declared:300, apply"
 
 
+@pytest.mark.parametrize(("max_age", "success"), [(1, False), (2, True)])
+def test_answers_to_old_observations_are_dropped(
+    tmp_path: Path, max_age: int, success: bool
+) -> None:
+    """Each answer comes two steps after its observation."""
+    played = job(ALONE, charge="declared:300", slack=2, max_age=max_age)
+    row = play(tmp_path, played, the_plan() if success else first_valid)
+    assert row.outcome.success is success
+    applied = [answer for answer in course(tmp_path, row).answers if answer.text]
+    assert bool(applied) is success
+    assert str(row.real_time) == f"5 steps/s, declared:300, apply up to {max_age} steps"
+
+
 def test_charge_by_tokens(tmp_path: Path) -> None:
     """An answer has 9 to 11 words as tokens: 180 to 220 ms, which is one or two steps."""
     row = play(tmp_path, job(ALONE, charge="tokens:20", slack=3), the_plan())
