@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import random
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -287,10 +288,10 @@ class TestLease:
             assert record is not None
             content, read = nodes.nats.storage.messages(record.episode), other.bus.read
 
-            async def read_once(episode: str) -> list[Stored]:
+            async def read_once(episode: str, after: int) -> list[Stored]:
                 # Another node deletes the journal, one message after the other.
-                monkeypatch.setattr(other.bus, "read", lambda _: asyncio.sleep(0, content[1:]))
-                return await read(episode)
+                monkeypatch.setattr(other.bus, "read", lambda *_: asyncio.sleep(0, content[1:]))
+                return await read(episode, after)
 
             monkeypatch.setattr(other.bus, "read", read_once)
             assert await other.cluster.node.claims.claim(record) == "it has ended"
@@ -362,6 +363,31 @@ class TestHandOver:
             assert nodes.owner(created.episode) is other
 
     @virtual
+    async def test_the_game_goes_on_while_the_other_node_reads_the_journal(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        read, loop = SimulatedBus.read, asyncio.get_running_loop()
+
+        async def slow(bus: SimulatedBus, episode: str, after: int = 0) -> list[Stored]:
+            await asyncio.sleep(0.0 if after else 3.0)
+            return await read(bus, episode, after)
+
+        async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+            created = await ada.create("training/01", clock="realtime", step_rate=5.0)
+            game = await ada.join(created.code)
+            await until(game, 5)
+            monkeypatch.setattr(SimulatedBus, "read", slow)
+            owner = nodes.owner(created.episode)
+            leaving = asyncio.create_task(owner.leave())
+            times = [loop.time()]
+            for reached in range(6, 40):
+                await until(game, reached)
+                times.append(loop.time())
+            await leaving
+            assert nodes.owner(created.episode) is not owner
+            assert max(after - before for before, after in pairwise(times)) < 1.0
+
+    @virtual
     async def test_node_that_was_suspended_asks_nobody_to_adopt_what_it_has_lost(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
@@ -379,7 +405,8 @@ class TestHandOver:
             request, asked = suspended.bus.request, list[str]()
 
             async def noted(subject: str, data: bytes, seconds: float) -> bytes:
-                asked.append(subject.rpartition(".")[2])
+                if subject.startswith("adopt."):
+                    asked.append(subject.rpartition(".")[2])
                 return await request(subject, data, seconds)
 
             monkeypatch.setattr(suspended.bus, "request", noted)

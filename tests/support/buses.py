@@ -418,8 +418,9 @@ class SimulatedBus:
         messages = await self._ask(lambda: self._storage.read(subject))
         return messages[-1] if messages else None
 
-    async def read(self, subject: str) -> list[Stored]:
-        return await self._ask(lambda: self._storage.read(subject))
+    async def read(self, subject: str, after: int = 0) -> list[Stored]:
+        messages = await self._ask(lambda: self._storage.read(subject))
+        return [message for message in messages if message.sequence > after]
 
     async def purge(self, subject: str) -> None:
         await self._ask(lambda: self._storage.purge(subject))

@@ -108,8 +108,8 @@ class Bus(Protocol):
     async def last(self, subject: str) -> Stored | None:
         """Return the last message of a journal."""
 
-    async def read(self, subject: str) -> list[Stored]:
-        """Return all messages of a journal."""
+    async def read(self, subject: str, after: int = 0) -> list[Stored]:
+        """Return the messages of a journal after a sequence number."""
 
     async def purge(self, subject: str) -> None:
         """Delete all messages of a journal."""

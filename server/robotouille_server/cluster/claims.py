@@ -25,6 +25,8 @@ from robotouille_server.rooms.recording.journal import name_in
 from robotouille_server.runtime.logs import get_logger
 
 CLAIMS_AT_A_TIME = 8
+MAX_PREPARED = 16
+"""Journals in memory that were read in advance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,12 +69,19 @@ class Claims:
         self._closing = closing
         self._continuation = continuation
         self._under_way: set[str] = set()
+        self._read: dict[str, list[Stored]] = {}
         self._limit = asyncio.Semaphore(CLAIMS_AT_A_TIME)
         self._count = 0
 
     def under_way(self, episode: str) -> bool:
         """Return whether an episode is being claimed."""
         return episode in self._under_way
+
+    async def prepare(self, episode: str) -> None:
+        """Read the journal of an episode that will be handed over soon, while it is played."""
+        self._read[episode] = await self._bus.read(episode)
+        while len(self._read) > MAX_PREPARED:
+            del self._read[next(iter(self._read))]
 
     async def claim(self, record: EpisodeRecord) -> str:
         """Take an episode over; return why that was not possible, or an empty text."""
@@ -170,7 +179,8 @@ class Claims:
         """
         claim = await self._append(record, last)
         fence = await self._append(record, claim)
-        stored = await self._bus.read(record.episode)
+        stored = self._read.pop(record.episode, [])
+        stored += await self._bus.read(record.episode, stored[-1].sequence if stored else 0)
         if [message.sequence for message in stored[-2:]] != [claim, fence]:
             raise ConflictError("another node has written to the journal")
         return stored

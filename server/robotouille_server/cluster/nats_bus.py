@@ -357,23 +357,36 @@ class NatsBus:
                 return None
             return _stored(found.seq or 0, found.headers, found.data or b"")
 
-    async def read(self, subject: str) -> list[Stored]:
+    async def read(self, subject: str, after: int = 0) -> list[Stored]:
         last = await self.last(subject)
-        if last is None:
+        if last is None or last.sequence <= after:
             return []
         found: list[Stored] = []
+        arrived = asyncio.Event()
+
+        # `next_msg` of the library would take more than twice the processor time.
+        async def received(message: Msg) -> None:
+            sequence = message.metadata.sequence.stream
+            found.append(_stored(sequence, message.headers, message.data))
+            arrived.set()
+
+        config = ConsumerConfig(deliver_policy=DeliverPolicy.ALL)
+        if after:
+            first = DeliverPolicy.BY_START_SEQUENCE
+            config = ConsumerConfig(deliver_policy=first, opt_start_seq=after + 1)
         async with _errors():
             messages = await self._js.subscribe(
                 f"{self._prefix}.journal.{subject}",
                 stream=self._stream,
                 ordered_consumer=True,
-                config=ConsumerConfig(deliver_policy=DeliverPolicy.ALL),
+                config=config,
+                cb=received,
             )
             try:
                 while not found or found[-1].sequence < last.sequence:
-                    message = await messages.next_msg(timeout=ANSWER_SECONDS)
-                    sequence = message.metadata.sequence.stream
-                    found.append(_stored(sequence, message.headers, message.data))
+                    arrived.clear()
+                    async with asyncio.timeout(ANSWER_SECONDS):
+                        await arrived.wait()
             finally:
                 with contextlib.suppress(NatsError):
                     await messages.unsubscribe()

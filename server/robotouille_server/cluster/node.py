@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable, Coroutine, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -190,6 +191,7 @@ class ClusterNode:
         self._rooms = rooms
         rooms.observe(self)
         self.members.own = self.members.own.model_copy(update={"url": url})
+        await self.bus.answer(f"prepare.{self.name}", self._prepare)
         await self.bus.answer(f"adopt.{self.name}", self._adopt)
         await until_available(self._renew)
         self._start(self._beat())
@@ -468,6 +470,9 @@ class ClusterNode:
         journal, target = room.journal, self.members.other(room.id)
         if target is None or not isinstance(journal, ReplicatedJournal):
             return
+        # Most of the work of the other node, while the game goes on.
+        with suppress(BusError):
+            await self.bus.request(f"prepare.{target.name}.{room.id}", b"", ADOPT_SECONDS)
         try:
             await journal.stored()
             # While this node was suspended, another node may have taken the episode over. Only a
@@ -489,6 +494,14 @@ class ClusterNode:
 
     def _has(self, room: Room) -> bool:
         return self._rooms is not None and self._rooms.rooms.get(room.id) is room
+
+    async def _prepare(self, episode: str, data: bytes) -> bytes:
+        """Get ready for an episode that another node is about to hand over."""
+        try:
+            await self.claims.prepare(episode)
+        except BusError as error:
+            return str(error).encode()
+        return b""
 
     async def _adopt(self, episode: str, data: bytes) -> bytes:
         """Take an episode over from a node that leaves.
