@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from itertools import islice
+from itertools import accumulate, islice
 
 import pytest
 
@@ -120,12 +120,20 @@ def test_commands_take_several_addresses() -> None:
     assert server_url("a:1, wss://b ,ws://c", "", 0) == "ws://a:1,wss://b,ws://c"
 
 
-def delays(seed: int, count: int = 12) -> list[float]:
+def delays(seed: int, count: int = 18) -> list[float]:
     return list(islice(reconnect_delays(random.Random(seed)), count))
 
 
 def test_reconnect_delays_of_many_clients_are_spread() -> None:
     for number, drawn in enumerate(zip(*map(delays, range(200)), strict=True)):
-        longest = min(0.2 * 1.5**number, 5.0)
+        late = 1.5 * 1.5 ** max(0, number - 11)
+        longest = min(0.2 * 1.5**number, late, 5.0)
         assert min(drawn) < 0.55 * longest
         assert max(drawn) > 0.95 * longest
+
+
+@pytest.mark.parametrize("takeover", [3.5, 5.0, 7.0, 8.0])
+def test_clients_return_soon_after_another_node_takes_a_game_over(takeover: float) -> None:
+    for seed in range(200):
+        came = next(at for at in accumulate(delays(seed)) if at >= takeover)
+        assert came <= takeover + 1.5

@@ -176,7 +176,9 @@ def test_numbers_of_the_protocol_are_those_of_the_code() -> None:
     assert f"a complete state and the last {broadcaster.REPEATED_SAID} `said`" in page
     first, longest = backoff.FIRST_DELAY * 1000, backoff.MAX_DELAY
     assert f"between {first:g} and {2 * first:g} ms" in page
-    assert f"up to {longest / 2:g} and {longest:g} s" in page
+    assert f"then up to {longest / 2:g} and {longest:g} s" in page
+    early, attempts = backoff.MAX_EARLY_DELAY, backoff.EARLY_ATTEMPTS
+    assert f"up to {early / 2:g} and {early:g} s in the first {attempts} attempts" in page
     words = {120: "two minutes", 10: "ten letters"}
     assert words[int(lobby.LINGER_SECONDS)] in page
     assert words[room_factory.CODE_LENGTH] in page

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import count
 from urllib.parse import SplitResult, urlsplit
 
 from robotouille.protocol import messages
@@ -14,9 +15,10 @@ from robotouille_client.sansio.addresses import check_redirect, moved_url, split
 # The first attempt is so early that players do not notice a restart. The limit bounds the attempts
 # at a server that is down for hours to one in 2.5 s from each client, for each address.
 FIRST_DELAY, MAX_DELAY = 0.1, 5.0
-# Another node takes games over three to four seconds after a failure. With a factor of 2, every
-# second client would come just before that and then once more three seconds later.
 GROWTH = 1.5
+# Another node takes games over three to eight seconds after a failure. If the delays grew further
+# before that, a client that comes just too early would return only four seconds later.
+EARLY_ATTEMPTS, MAX_EARLY_DELAY = 12, 1.5
 # Time limit for opening a connection. A machine without power answers nothing, so the limit is
 # short at first if there are other addresses. It grows with each round, for slow networks.
 CONNECT_SECONDS, FIRST_CONNECT_SECONDS = 10.0, 2.0
@@ -27,11 +29,12 @@ MAX_MOVED = 8
 def reconnect_delays(rng: random.Random) -> Iterator[float]:
     """Yield the seconds to wait before each connection attempt, without end.
 
-    The upper limit of the delay grows from twice `FIRST_DELAY` to `MAX_DELAY` by `GROWTH`.
+    The upper limit of the delay grows from twice `FIRST_DELAY` by `GROWTH`, up to
+    `MAX_EARLY_DELAY` and, after `EARLY_ATTEMPTS`, up to `MAX_DELAY`.
     """
     limit = 2 * FIRST_DELAY / GROWTH
-    while True:
-        limit = min(GROWTH * limit, MAX_DELAY)
+    for number in count():
+        limit = min(GROWTH * limit, MAX_EARLY_DELAY if number < EARLY_ATTEMPTS else MAX_DELAY)
         # All delays are random, even the longest. Otherwise, all clients of a restarted server
         # would always arrive at the same time.
         yield limit * rng.uniform(0.5, 1.0)

@@ -12,8 +12,11 @@
  */
 
 const SUBPROTOCOL = "robotouille.v1.json";
-const FIRST_DELAY = 0.25;
-const LONGEST_DELAY = 8;
+const FIRST_DELAY = 0.2;
+const LONGEST_DELAY = 5;
+// Another node takes games over three to eight seconds after a failure.
+const EARLY_ATTEMPTS = 12;
+const LONGEST_EARLY_DELAY = 1.5;
 const ANSWER_SECONDS = 10;
 const TICK_SECONDS = 2;
 // A pause of the page's timers that shows that the machine was asleep: its connection is dead.
@@ -243,7 +246,8 @@ export class Connection {
     this.moves = 0;
     // A node that has failed may have passed the episode on: the first address finds it.
     if (this.failures % 3 === 0) this.url = this.home;
-    const delay = Math.min(LONGEST_DELAY, FIRST_DELAY * 2 ** (this.failures - 1));
+    const longest = this.failures <= EARLY_ATTEMPTS ? LONGEST_EARLY_DELAY : LONGEST_DELAY;
+    const delay = Math.min(longest, FIRST_DELAY * 1.5 ** (this.failures - 1));
     this.timer = setTimeout(() => this.connect(), delay * (0.5 + Math.random() / 2) * 1000);
   }
 
