@@ -1,5 +1,7 @@
 """Agents of the user's own: `robotouille benchmark run --agents MODULE:NAME`.
 
+Installed packages may register agents under a name of their own (`GROUP`).
+
 A policy chooses actions itself, as for `robotouille-bot MODULE:NAME`. A strategy is a class with a
 method `propose`, which asks a model.
 """
@@ -9,6 +11,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
+from importlib.metadata import entry_points
 from typing import Any
 
 from robotouille.planning.policies import Did
@@ -26,6 +29,16 @@ from robotouille_evaluation.models import Completion, ModelRequest
 
 MAX_IN_VAIN = 3
 """Proposals in a row without an action after which an agent has finished."""
+
+
+GROUP = "robotouille.agents"
+"""Group of entry points, whose values are `MODULE:NAME`."""
+
+
+def installed_agents() -> dict[str, str]:
+    """Return the agents that installed packages register: `MODULE:NAME` by name."""
+    found = sorted(entry_points(group=GROUP), key=lambda entry: (entry.name, entry.value))
+    return {entry.name: f"{entry.module}:{entry.attr}" for entry in found}
 
 
 def is_custom(name: str) -> bool:

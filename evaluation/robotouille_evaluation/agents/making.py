@@ -7,7 +7,7 @@ from typing import Any
 
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille_evaluation.agents.answers import PromptHistory, TolerantParser
-from robotouille_evaluation.agents.custom import custom_strategy, is_custom
+from robotouille_evaluation.agents.custom import custom_strategy, installed_agents, is_custom
 from robotouille_evaluation.agents.joint_team import JointAnswers
 from robotouille_evaluation.agents.proposal import Strategy
 from robotouille_evaluation.agents.react import PlanOnce, Prompts, ReAct, ReActSettings, Reflexion
@@ -28,7 +28,8 @@ def make_strategy(pack: Pack, name: str, dataset: str) -> Strategy:
     """Return a new strategy for one episode.
 
     Args:
-        name: Id of an experiment of the pack, one of `OWN_STRATEGIES`, or `MODULE:NAME`.
+        name: Id of an experiment of the pack, one of `OWN_STRATEGIES`, an installed agent, or
+            `MODULE:NAME`.
         dataset: Dataset whose examples are shown.
 
     Raises:
@@ -41,7 +42,10 @@ def make_strategy(pack: Pack, name: str, dataset: str) -> Strategy:
         return published_strategy(pack, experiments[name])
     if name in OWN_STRATEGIES:
         return own_strategy(pack, name, dataset)
-    known = [*OWN_STRATEGIES, *experiments]
+    installed = installed_agents()
+    if name in installed:
+        return custom_strategy(installed[name])
+    known = [*OWN_STRATEGIES, *experiments, *installed]
     raise UnknownNameError(f"no strategy {name!r}{did_you_mean(name, known)}")
 
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille.terminal import tell
 from robotouille_client.bots.own_policy import own_policy_maker
-from robotouille_evaluation.agents.custom import asks_a_model, is_custom
+from robotouille_evaluation.agents.custom import asks_a_model, installed_agents, is_custom
 from robotouille_evaluation.agents.making import OWN_STRATEGIES, STRATEGY_WORDS, make_strategy
 from robotouille_evaluation.cli.models import ModelChoice, check_model
 from robotouille_evaluation.cli.run_options import RunOptions
@@ -323,6 +323,9 @@ def agent_spec(name: str, pack: Pack, model: ModelChoice) -> AgentSpec:
     """Return the agent with a name, or raise UnknownNameError."""
     if name in COMPUTED:
         return AgentSpec.model_validate({"name": name, "kind": name})
+    if name not in OWN_STRATEGIES:
+        # Rows have the module and class: they stay the same if another package takes the name.
+        name = installed_agents().get(name, name)
     if is_custom(name) and not asks_a_model(name):
         own_policy_maker(name)  # raises an error if it is not a policy
         return AgentSpec(name=name, kind="custom")
@@ -349,7 +352,7 @@ def _check_strategy(name: str, pack: Pack) -> None:
     elif "/" in name:
         raise _unknown_experiment(name, pack)
     elif name not in OWN_STRATEGIES and not is_custom(name):
-        known = [*COMPUTED, *OWN_STRATEGIES, *experiments]
+        known = [*COMPUTED, *OWN_STRATEGIES, *installed_agents(), *experiments]
         near = did_you_mean(name, known) or f"; choose {', '.join(known)}, or MODULE:NAME"
         raise UnknownNameError(f"no agent {name!r}{near}")
 
@@ -373,6 +376,9 @@ def agent_lines(experiments: Iterable[Experiment]) -> Iterator[tuple[str, str]]:
     """Yield the name of each agent, and in a line what it does."""
     yield from COMPUTED.items()
     yield from STRATEGY_WORDS.items()
+    for name, target in installed_agents().items():
+        if name not in (*COMPUTED, *OWN_STRATEGIES):
+            yield name, f"installed: {target}"
     for experiment in experiments:
         if experiment.agent != HUMAN:
             tasks = len(experiment.tasks)

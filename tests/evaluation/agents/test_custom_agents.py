@@ -9,13 +9,18 @@ from textwrap import dedent
 import pytest
 from typer.testing import CliRunner, Result
 
+from robotouille.errors import RobotouilleError
 from robotouille_client.bots.own_policy import OwnPolicyError
 from robotouille_evaluation.agents import AgentObservation, ContextOverflow, Proposal
 from robotouille_evaluation.agents.custom import custom_strategy
+from robotouille_evaluation.agents.making import make_strategy
 from robotouille_evaluation.cli.benchmark import benchmark
+from robotouille_evaluation.cli.planning import plan_run
+from robotouille_evaluation.cli.run_options import RunOptions
 from robotouille_evaluation.models import Completion, Message, ModelRequest
 from robotouille_evaluation.models.model import Usage
 from robotouille_evaluation.runs import RunFolder
+from tests.support.runs import small_pack
 
 GUIDE = (Path(__file__).parents[3] / "docs" / "evaluate_models.md").read_text(encoding="utf-8")
 SANDWICH = "synchronous/01_cheese_sandwich"
@@ -150,3 +155,34 @@ def test_unknown_agents_are_refused(module: str, tmp_path: Path, agent: str, fau
     result = called("run", tmp_path / "run", "--agents", agent, "--tasks", SANDWICH)
     assert result.exit_code != 0
     assert fault in " ".join(result.output.split()) + str(result.exception)
+
+
+def registered(folder: Path, **agents: str) -> None:
+    """Install a package that registers agents."""
+    metadata = folder / "my_agents-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: my-agents\nVersion: 1.0\n")
+    lines = [f"{name} = {target}" for name, target in agents.items()]
+    (metadata / "entry_points.txt").write_text("\n".join(["[robotouille.agents]", *lines]))
+
+
+def test_agents_of_installed_packages(module: str, tmp_path: Path) -> None:
+    registered(tmp_path, numbered=f"{module}:Numbered", walker=f"{module}:Walker", random="x:Y")
+    listed = called("agents").output
+    assert f"installed: {module}:Numbered" in listed
+    assert "x:Y" not in listed  # The built-in agent has that name.
+
+    options = RunOptions(agents="numbered,walker,random", model="mock", tasks=SANDWICH, limit=1)
+    jobs = plan_run(tmp_path / "run", options).jobs
+    assert [(job.agent.name, job.agent.kind) for job in jobs] == [
+        (f"{module}:Numbered (mock)", "model"),
+        (f"{module}:Walker", "custom"),
+        ("random", "random"),
+    ]
+    assert make_strategy(small_pack(SANDWICH), "numbered", "synchronous").retries_left == 0
+
+
+def test_installed_agent_without_its_module(module: str, tmp_path: Path) -> None:
+    registered(tmp_path, gone=f"{module}_gone:Agent")
+    with pytest.raises(RobotouilleError, match=f"{module}_gone"):
+        plan_run(tmp_path / "run", RunOptions(agents="gone", tasks=SANDWICH))
