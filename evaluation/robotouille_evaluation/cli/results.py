@@ -138,13 +138,25 @@ def _p_value(p: float) -> str:
 
 @failing
 def agreement(
-    labels: Annotated[Path, typer.Argument(help="Failure labels by people: CSV or JSON.")],
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")],
+    labels: Annotated[
+        Path | None, typer.Argument(help="Failure labels by people: CSV or JSON.")
+    ] = None,
+    runs: Annotated[
+        list[Path] | None, typer.Argument(metavar="RUN...", help="Folders of runs.")
+    ] = None,
 ) -> None:
-    """Compare people's failure labels with the classifier's."""
+    """Compare people's failure labels with the classifier's.
+
+    Without arguments, the labels are those of the failures that the paper logs.
+    """
     from robotouille_evaluation.metrics.statistics import agreement as measured
     from robotouille_evaluation.metrics.statistics import paired, read_labels
 
+    if labels is None:
+        _paper_agreement()
+        return
+    if not runs:
+        raise RobotouilleError(f"{labels} has labels of episodes: name their runs, too")
     rows, _ = _rows_of(runs)
     pairs = paired(rows, read_labels(labels))
     if not pairs:
@@ -163,6 +175,22 @@ def agreement(
     kappa = measured([row for row, _ in pairs], [label for _, label in pairs])
     value = "undefined, because all labels are equal" if kappa is None else f"{kappa:.2f}"
     tell(f"{len(pairs)} episodes; Cohen's kappa {value}")
+
+
+def _paper_agreement() -> None:
+    """Print the agreement with the paper's authors on the failures that they log."""
+    from robotouille_evaluation.metrics.paper_failures import logged_failures
+    from robotouille_evaluation.metrics.statistics import cohens_kappa
+
+    found = logged_failures()
+    for each in found:
+        tell(f"{each.log}: {each.labelled}, classified as {each.classified}")
+    kappa = cohens_kappa([each.labelled for each in found], [each.classified for each in found])
+    equal = sum(each.labelled is each.classified for each in found)
+    tell(
+        f"{equal} of {len(found)} equal; Cohen's kappa {kappa:.2f}. These are all labels that the "
+        "paper prints, on episodes rebuilt from its excerpts: too few to judge the classifier"
+    )
 
 
 def _rows_of(runs: Sequence[Path]) -> tuple[list[ResultRow], dict[str, Path]]:
