@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 
 from robotouille import World, WrongArgumentError
+from robotouille.planning.policies.planner_policy import PlannerOptions
+from robotouille.planning.policies.shift_policy import ShiftPolicy
 from tests.batch.agreement import agree, world_of
 from tests.support.pages import blocks
+
+ALONE = PlannerOptions(alone=True)
 
 pytestmark = [
     pytest.mark.slow,
@@ -29,6 +33,27 @@ def test_jax_steps_equal_world_steps(name: str) -> None:
 
     world = world_of(name)
     agree(JaxBatch(world, 16), world, 16, 40, seed=2)
+
+
+@pytest.mark.parametrize("name", ["shifts/01_sandwich_bar@1", "shifts/05_clean_plates@1"])
+def test_jax_steps_equal_world_steps_of_a_shift(name: str) -> None:
+    """A bot serves dishes, which random steps hardly ever do."""
+    from robotouille_jax import JaxBatch
+
+    world = World(name)
+    batch, policy, state = JaxBatch(world, 12), ShiftPolicy(world, "robot1", ALONE), world.initial
+    states = []
+    for _ in range(90):
+        states.append(state)
+        action = policy.act(state)
+        number = -1 if action is None else world.encoding.number(state.facts, "robot1", action)
+        result, step = batch.step(np.full(12, number)), state.step(action)
+        policy.observe([("robot1", a.action, a.applied) for a in step.attempts])
+        state = step.state
+        assert result.rewards[0] == step.reward
+        assert np.array_equal(batch.vectors()[0], state.vector())
+    assert state.orders is not None and state.orders.served > 1
+    agree(batch, world, 12, 40, seed=3, states=states[::8][:12])
 
 
 def test_jax_batch_has_the_methods_of_batch_world() -> None:

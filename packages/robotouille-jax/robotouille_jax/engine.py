@@ -6,13 +6,18 @@ true. Effects are updated as in `robotouille.batch.step_kernels`.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from robotouille.batch.rules import CONDITIONAL, CREATION, DELETION, REPETITIVE, CompiledRules
-from robotouille_jax.padded import Array, GoalTable, Tests, Writes, padded
+from robotouille_jax.goal_progress import progress_of
+from robotouille_jax.goal_search import goal_reached
+from robotouille_jax.padded import Array, Padded, Tests, Writes, padded
+from robotouille_jax.shift import CopyOrders, JaxShift
 
 HOLDING, DONE = 1, -1
 
@@ -27,6 +32,7 @@ class CopyState(NamedTuple):
         top: Number of filled slots of each kind.
         busy: Steps for which each player is busy.
         overflowed: True if a slot was missing.
+        orders: The orders of a shift; None in other tasks.
     """
 
     atoms: Array
@@ -35,6 +41,7 @@ class CopyState(NamedTuple):
     top: Array
     busy: Array
     overflowed: Array
+    orders: CopyOrders | None = None
 
 
 class CopyStep(NamedTuple):
@@ -74,8 +81,12 @@ class JaxEngine:
         self.players = len(rules.players)
         self._offsets = [sum(map(len, rules.actions[:i])) for i in range(self.players + 1)]
         self._longest = max((e.end - e.first for e in rules.effects), default=0)
+        self._mask_tables = [mask_table(t, *each) for each in pairwise(self._offsets)]
         kinds = {node.kind for node in rules.nodes}
         self._creates, self._deletes = CREATION in kinds, DELETION in kinds
+        world = rules.world
+        self._shift = None if world.shift is None else JaxShift(rules, world.shift, t.mentions)
+        self._progress = progress_of(rules.goal, len(rules.encoding.atoms))
         self._any_born = any(o.born for node in rules.nodes for o in node.outcomes)
         self.initial = CopyState(
             atoms=t.initial,
@@ -84,6 +95,7 @@ class JaxEngine:
             top=jnp.zeros(len(rules.kinds), jnp.int32),
             busy=jnp.zeros(self.players, jnp.int32),
             overflowed=jnp.zeros((), bool),
+            orders=None if self._shift is None else self._shift.initial,
         )
 
     def step(self, state: CopyState, actions: Array) -> tuple[CopyState, CopyStep]:
@@ -96,23 +108,52 @@ class JaxEngine:
             state, done = self._apply(state, seat, actions[seat])
             applied.append(done)
         state = self._move_up(self._tick(state))
+        if self._shift is not None and state.orders is not None:
+            state = self._with_orders(state, self._shift, state.orders)
         # JAX has computed a step for overflowed copies, too; discard it.
         still = before.overflowed
         state = jax.tree.map(lambda new, old: jnp.where(still, old, new), state, before)
-        reached = goal_reached(self._t.goal, state.atoms) & ~state.overflowed
-        return state, CopyStep(
-            reached.astype(jnp.float32), reached, jnp.stack(applied) & ~still, state.overflowed
-        )
+        reward, ends = self._result(before, state)
+        return state, CopyStep(reward, ends, jnp.stack(applied) & ~still, state.overflowed)
+
+    def _result(self, before: CopyState, state: CopyState) -> tuple[Array, Array]:
+        """Return the reward of a step, and whether it ends the episode."""
+        if self._shift is None or before.orders is None or state.orders is None:
+            reached = goal_reached(self._t.goal, state.atoms) & ~state.overflowed
+            return reached.astype(jnp.float32), reached
+        points = (state.orders.score - before.orders.score).astype(jnp.float32)
+        return points, state.orders.time >= self._shift.steps
+
+    def _with_orders(self, state: CopyState, shift: JaxShift, orders: CopyOrders) -> CopyState:
+        """Serve dishes, let orders expire and arrive; forget the effects of returned things."""
+        atoms, gone, orders = shift.advance(state.atoms, orders)
+        state = state._replace(atoms=atoms, orders=orders)
+        return self._without(state, state.rank, jnp.any(self._t.about & gone, axis=1))
 
     def mask(self, state: CopyState, seat: int) -> Array:
         """Return which actions of a seat are valid."""
-        tests = Tests(*(x[self._offsets[seat] : self._offsets[seat + 1]] for x in self._t.actions))
-        return _hold(tests, state.atoms) & (state.busy[seat] == 0)
+        # A product with a matrix tests all actions at once, much faster than reading each atom.
+        weights, needed = self._mask_tables[seat]
+        valid = state.atoms.astype(jnp.float32) @ weights >= needed
+        return valid & (state.busy[seat] == 0)
 
     def vector(self, state: CopyState) -> Array:
         """Return the state as a vector."""
         effects = jnp.concatenate([state.rank > 0, state.progress])[self._t.vector_from]
-        return jnp.concatenate([state.atoms, effects, state.busy]).astype(jnp.float32)
+        parts = [state.atoms, effects, state.busy]
+        if self._shift is not None and state.orders is not None:
+            parts.append(self._shift.vector(state.orders))
+        return jnp.concatenate([part.astype(jnp.float32) for part in parts])
+
+    def potential(self, state: CopyState) -> Array:
+        """Return minus the share of goal conditions that do not hold, for shaped rewards.
+
+        The variables of the goal stand for the objects for which most conditions hold; see
+        `goal_progress`. The potential is 0 in states with the goal.
+        """
+        if self._shift is not None and state.orders is not None:
+            return self._shift.potential(state.atoms, state.orders)
+        return self._progress(state.atoms)
 
     # Actions
 
@@ -140,15 +181,16 @@ class JaxEngine:
         effects = len(self._t.first)
         if not effects:
             return state
-        # Effects are updated in the order of their creation, and inactive ones come last.
-        order = jnp.argsort(jnp.where(state.rank > 0, state.rank, effects + 1))
-        active = state.rank > 0
+        # Effects are updated in the order of their creation. Their ranks have no gaps, so no sort
+        # is needed, which would take long to compile.
+        places = jnp.where(state.rank > 0, state.rank - 1, effects)
+        order = jnp.zeros(effects, jnp.int32).at[places].set(jnp.arange(effects), mode="drop")
+        count = _last(state)
 
         def update(i: Array, both: tuple[CopyState, _Run]) -> tuple[CopyState, _Run]:
             state, run = both
-            effect = order[i]
-            when = active[effect] & ~self._concerns_deleted(run, effect)
-            return self._update(state, run, effect, False, when)
+            when = (i < count) & ~self._concerns_deleted(run, order[i])
+            return self._update(state, run, order[i], False, when)
 
         state, run = jax.lax.fori_loop(0, effects, update, (state, self._run()))
         return self._settle(state, run, ends=True)
@@ -270,6 +312,12 @@ class JaxEngine:
         dropped = (rank > 0) & jnp.any(t.about & run.deleted, axis=1)
         if ends:
             dropped |= (rank > 0) & (state.progress[t.first] == DONE)
+        return self._without(state, rank, dropped)
+
+    def _without(self, state: CopyState, rank: Array, dropped: Array) -> CopyState:
+        """Drop effects."""
+        t = self._t
+        dropped &= rank > 0
         rank = jnp.where(dropped, 0, rank)
         progress = jnp.where(dropped[t.effect_of], 0, state.progress)
         # Dropped effects leave gaps: number the others from 1 again.
@@ -304,6 +352,23 @@ class JaxEngine:
         return moved_up
 
 
+def mask_table(t: Padded, first: int, last: int) -> tuple[Array, Array]:
+    """Return a column of weights for each action of a seat, and the sums that valid actions reach.
+
+    A required atom adds 1. A forbidden atom subtracts more than all required ones can add. All
+    numbers are small integers, so sums are exact in the reduced precision of GPUs, too.
+    """
+    tests = Tests(*(np.asarray(x[first:last]) for x in t.actions))
+    atoms = len(t.initial)
+    needed = (tests.required < atoms).sum(1)
+    weights = np.zeros((atoms + 1, last - first), np.float32)
+    column = np.arange(last - first)[:, None]
+    weights[tests.required, column] = 1
+    weights[tests.forbidden, column] = -1 - needed.max(initial=0)
+    never = np.where(tests.possible, needed, atoms + 1)
+    return jnp.asarray(weights[:-1]), jnp.asarray(never, jnp.float32)
+
+
 def _hold(tests: Tests, atoms: Array) -> Array:
     """Return whether all tests of a rule, or of each rule, hold."""
     required = atoms.at[tests.required].get(mode="fill", fill_value=True)
@@ -328,47 +393,3 @@ def _put(values: Array, place: Array, value: Array | int | bool, when: Array) ->
 
 def _last(state: CopyState) -> Array:
     return jnp.max(state.rank, initial=0)
-
-
-Search = tuple[Array, Array, Array]
-"""The next condition, the choice taken for each condition, the object of each variable."""
-
-
-def goal_reached(goal: GoalTable, atoms: Array) -> Array:
-    """Return whether the goal holds, by the search of `robotouille.batch.state_kernels`."""
-    conditions = len(goal.there)
-    if not conditions:
-        return jnp.ones((), bool)
-    if not goal.there.shape[1]:
-        return jnp.zeros((), bool)
-    # All conditions are tested at once; the loop below only combines their choices.
-    held = jnp.all(atoms.at[goal.atoms].get(mode="fill", fill_value=True), axis=-1) & goal.there
-    possible = jnp.all(jnp.any(held, axis=1))
-    numbers = jnp.arange(goal.there.shape[1])
-
-    def goes_on(search: Search) -> Array:
-        return (search[0] >= 0) & (search[0] < conditions)
-
-    def go_on(search: Search) -> Search:
-        depth, taken, binding = search
-        variables, fresh = goal.variable[depth], goal.fresh[depth]
-        binding = binding.at[jnp.where(fresh, variables, len(binding))].set(-1, mode="drop")
-        fits = held[depth] & (numbers > taken[depth])
-        for i in range(goal.variable.shape[1]):
-            things = goal.objects[depth, :, i]
-            alike = goal.kinds == goal.kinds[variables[i]]
-            free = ~jnp.any(alike & (binding == things[:, None]), axis=1)
-            same = (things == binding[variables[i]]) | (variables[i] == len(binding) - 1)
-            fits &= jnp.where(fresh[i], free, same)
-        found, choice = jnp.any(fits), jnp.argmax(fits)
-        taken = taken.at[depth].set(jnp.where(found, choice, -1))
-        places = jnp.where(found & fresh, variables, len(binding))
-        binding = binding.at[places].set(goal.objects[depth, choice], mode="drop")
-        return jnp.where(found, depth + 1, depth - 1), taken, binding
-
-    start = (
-        jnp.where(possible, 0, -1),
-        jnp.full(conditions, -1, numbers.dtype),
-        jnp.full(len(goal.kinds), -1, goal.objects.dtype),
-    )
-    return jax.lax.while_loop(goes_on, go_on, start)[0] == conditions

@@ -14,9 +14,11 @@ from robotouille.batch.rules import CompiledRules
 from robotouille.batch.single_copy import row_of, state_of
 from robotouille.batch.tables import Ints, tables
 from robotouille.errors import UnknownNameError, WrongArgumentError, did_you_mean
+from robotouille.world.shift import Orders
 from robotouille.world.world import State, World
 from robotouille_jax.engine import CopyState, CopyStep, JaxEngine
 from robotouille_jax.padded import Array
+from robotouille_jax.shift import CopyOrders
 
 
 class JaxBatch:
@@ -147,6 +149,21 @@ class JaxBatch:
         self._key, key = jax.random.split(self._key)
         return self._draw(self.states, key)
 
+    def play_random(self, states: CopyState, key: Array, steps: int) -> tuple[CopyState, Array]:
+        """Take random valid steps from states, as a pure function.
+
+        Returns:
+            The last states, and the sum of all rewards and numbers of the vectors on the way, so
+            that the compiler cannot leave any of them out.
+        """
+
+        def one(states: CopyState, key: Array) -> tuple[CopyState, Array]:
+            states, result = self._resetting(states, self._drawn(states, key))
+            return states, result.rewards.sum() + jax.vmap(self.engine.vector)(states).sum()
+
+        states, sums = jax.lax.scan(one, states, jax.random.split(key, steps))
+        return states, sums.sum()
+
     def state(self, copy: int) -> State:
         """Return the state of a copy as a state of the world; see `BatchWorld.state`.
 
@@ -155,7 +172,14 @@ class JaxBatch:
         """
         if self.states.overflowed[copy]:
             raise WrongArgumentError(f"copy {copy} has overflowed; call reset")
-        return state_of(self._row(copy), self._rules, self._tables)
+        state = state_of(self._row(copy), self._rules, self._tables)
+        orders = self.states.orders
+        if orders is None:
+            return state
+        one = jax.tree.map(lambda array: np.asarray(array[copy]), orders)
+        opened = [list(map(int, each)) for each in zip(one.number, one.due, strict=True)]
+        row = [int(one.time), [each for each in opened if each[0] >= 0], *map(int, one[3:])]
+        return self.world.restore(state.facts, state.timer_rows(), state.timers.busy, row)
 
     def set_state(self, copy: int, state: State) -> None:
         """Put a copy into a state.
@@ -165,6 +189,8 @@ class JaxBatch:
             WrongWorldError: The state belongs to another task.
         """
         new = self._from_row(row_of(state, self._rules, self._tables))
+        if state.orders is not None and self.world.shift is not None:
+            new = new._replace(orders=_orders(state.orders, self.world.shift.most_open))
         self.states = jax.tree.map(lambda all_, one: all_.at[copy].set(one), self.states, new)
 
     def _resetting(self, states: CopyState, actions: Array) -> tuple[CopyState, CopyStep]:
@@ -176,8 +202,12 @@ class JaxBatch:
         for seat in range(len(self.players)):
             key, draw = jax.random.split(key)
             masks = jax.vmap(self.engine.mask, in_axes=(0, None))(states, seat)
-            drawn = jax.random.categorical(draw, jnp.where(masks, 0.0, -jnp.inf))
-            actions.append(jnp.where(masks.any(1), drawn, -1))
+            # One number for each copy: a number for each action takes far longer than a step.
+            at_most = jax.lax.associative_scan(jnp.add, masks.astype(jnp.int32), axis=1)
+            count = at_most[:, -1]
+            rank = jnp.floor(jax.random.uniform(draw, (self.copies,)) * count)
+            drawn = jnp.sum(at_most <= rank[:, None], axis=1)
+            actions.append(jnp.where(count > 0, drawn, -1))
         return jnp.stack(actions, axis=1)
 
     def _row(self, copy: int) -> Ints:
@@ -208,6 +238,13 @@ class JaxBatch:
             busy=row[t[at.BUSY] : t[at.GOAL]].astype(np.int32),
             overflowed=np.zeros((), bool),
         )
+
+
+def _orders(orders: Orders, most: int) -> CopyOrders:
+    """Return orders as numbers, with room for the largest number of open ones."""
+    opened = [*orders.open, *[(-1, 0)] * (most - len(orders.open))]
+    number, due = np.array(opened, np.int32).T
+    return CopyOrders(np.int32(orders.time), number, due, *map(np.int32, orders[2:]))
 
 
 def _chosen(chosen: Array, new: CopyState, old: CopyState) -> CopyState:

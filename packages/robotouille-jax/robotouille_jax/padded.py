@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from robotouille.batch.rules import ActionRule, CompiledRules, EffectOutcome, NodeRule
+from robotouille.batch.rules import ActionRule, CompiledRules, EffectOutcome, GoalRule, NodeRule
 
 Array = Any
 """A JAX array, traced or not."""
@@ -117,28 +117,28 @@ def padded(rules: CompiledRules) -> Padded:
     return Padded(
         actions=_tests(actions, none),
         action_writes=_writes(actions, none),
-        duration=_ints(action.duration for action in actions),
-        starts=_rows((action.effects for action in actions), -1),
-        first=_ints(effect.first for effect in effects),
-        size=_ints(effect.end - effect.first for effect in effects),
+        duration=ints(action.duration for action in actions),
+        starts=rows((action.effects for action in actions), -1),
+        first=ints(effect.first for effect in effects),
+        size=ints(effect.end - effect.first for effect in effects),
         about=jnp.asarray(about),
         nodes=_tests(nodes, none),
         node_writes=_writes(nodes, none),
-        kind=_ints(node.kind for node in nodes),
-        end=_ints(node.end for node in nodes),
-        children=_rows((_children(nodes, i) for i in range(len(nodes))), -1),
-        total=_ints(node.total for node in nodes),
-        subject=_ints(node.subject for node in nodes),
-        creates=_ints(node.creates for node in nodes),
-        outcome=_ints(outcome_at.tolist()),
-        effect_of=_ints(owner),
+        kind=ints(node.kind for node in nodes),
+        end=ints(node.end for node in nodes),
+        children=rows((_children(nodes, i) for i in range(len(nodes))), -1),
+        total=ints(node.total for node in nodes),
+        subject=ints(node.subject for node in nodes),
+        creates=ints(node.creates for node in nodes),
+        outcome=ints(outcome_at.tolist()),
+        effect_of=ints(owner),
         outcome_writes=_writes(outcomes, none),
-        born=_rows((outcome.born for outcome in outcomes), -1),
+        born=rows((outcome.born for outcome in outcomes), -1),
         mentions=jnp.asarray(mentions),
         in_slot=jnp.asarray([name in in_slots for name in rules.object]),
-        slots=_ints(len(atoms) for atoms in rules.exists),
+        slots=ints(len(atoms) for atoms in rules.exists),
         **_shifts(rules, owner),
-        goal=_goal(rules, none),
+        goal=goal_table(rules.goal, none),
         vector_from=_vector_from(rules),
         initial=jnp.asarray(initial),
     )
@@ -147,13 +147,13 @@ def padded(rules: CompiledRules) -> Padded:
 def _tests(rules: Sequence[ActionRule | NodeRule], none: int) -> Tests:
     return Tests(
         jnp.asarray([rule.possible for rule in rules], bool),
-        _rows((rule.required for rule in rules), none),
-        _rows((rule.forbidden for rule in rules), none),
+        rows((rule.required for rule in rules), none),
+        rows((rule.forbidden for rule in rules), none),
     )
 
 
 def _writes(rules: Sequence[ActionRule | NodeRule | EffectOutcome], none: int) -> Writes:
-    both = _rows([*(rule.sets for rule in rules), *(rule.clears for rule in rules)], none)
+    both = rows([*(rule.sets for rule in rules), *(rule.clears for rule in rules)], none)
     return Writes(both[: len(rules)], both[len(rules) :])
 
 
@@ -183,17 +183,18 @@ def _shifts(rules: CompiledRules, owner: Sequence[int]) -> dict[str, Array]:
             for node, (source, first) in enumerate(zip(sources, firsts, strict=True))
         ])  # fmt: skip
     return {
-        "shift_kind": _ints(kind for kind, _ in places),
-        "shift_slot": _ints(slot for _, slot in places),
-        "shift_exists": _ints(rules.exists[kind][slot] for kind, slot in places),
-        "atom_from": _rows((shift.atoms for shift in shifts), -1),
-        "effect_from": _rows((shift.effects for shift in shifts), -1),
-        "node_from": _rows(nodes, -1),
+        "shift_kind": ints(kind for kind, _ in places),
+        "shift_slot": ints(slot for _, slot in places),
+        "shift_exists": ints(rules.exists[kind][slot] for kind, slot in places),
+        "atom_from": rows((shift.atoms for shift in shifts), -1),
+        "effect_from": rows((shift.effects for shift in shifts), -1),
+        "node_from": rows(nodes, -1),
     }
 
 
-def _goal(rules: CompiledRules, none: int) -> GoalTable:
-    conditions, variables = rules.goal.conditions, len(rules.goal.kinds)
+def goal_table(goal: GoalRule, none: int) -> GoalTable:
+    """Return a goal as arrays."""
+    conditions, variables = goal.conditions, len(goal.kinds)
     most = max((len(c.choices) for c in conditions), default=0)
     width = max((len(c.variables) for c in conditions), default=0)
     deepest = max((len(x.atoms) for c in conditions for x in c.choices), default=0)
@@ -211,7 +212,7 @@ def _goal(rules: CompiledRules, none: int) -> GoalTable:
             there[i, j] = True
             objects[i, j, : len(choice.objects)] = choice.objects
             atoms[i, j, : len(choice.atoms)] = choice.atoms
-    tables = (objects, atoms, there, variable, fresh, np.array([*rules.goal.kinds, -1]))
+    tables = (objects, atoms, there, variable, fresh, np.array([*goal.kinds, -1]))
     return GoalTable(*map(jnp.asarray, tables))
 
 
@@ -220,16 +221,16 @@ def _vector_from(rules: CompiledRules) -> Array:
     sources: list[int] = []
     for i, effect in enumerate(rules.effects):
         sources += [i, *range(len(rules.effects) + effect.first, len(rules.effects) + effect.end)]
-    return _ints(sources)
+    return ints(sources)
 
 
-def _ints(values: Iterable[int]) -> Array:
+def ints(values: Iterable[int]) -> Array:
     return jnp.asarray(np.array(list(values), dtype=np.int32))
 
 
-def _rows(rows: Iterable[Sequence[int]], fill: int) -> Array:
+def rows(given: Iterable[Sequence[int]], fill: int) -> Array:
     """Return rows padded to one length of at least 1."""
-    listed = [list(row) for row in rows]
+    listed = [list(row) for row in given]
     width = max(1, *map(len, listed)) if listed else 1
     full = [row + [fill] * (width - len(row)) for row in listed]
     return jnp.asarray(np.array(full, dtype=np.int32).reshape(len(full), width))

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotouille.batch import layout as at
-from robotouille.batch.rules import CompiledRules
+from robotouille.batch.rules import CompiledRules, refuse_shift
 from robotouille.batch.single_copy import row_of, state_of
 from robotouille.batch.state_kernels import (
     joint_mask_copies,
@@ -71,7 +71,7 @@ class BatchWorld:
             are. Such a copy stands still until it is reset.
 
     Raises:
-        RobotouilleError: `slots` has a kind that cannot be created.
+        RobotouilleError: The task is a shift, or `slots` has a kind that cannot be created.
         WrongArgumentError: `copies` or `threads` is less than 1.
     """
 
@@ -89,6 +89,7 @@ class BatchWorld:
             raise WrongArgumentError(
                 f"expected at least 1 copy and 1 thread, found {copies}, {threads}"
             )
+        refuse_shift(world)
         warn_if_slow("BatchWorld", 300)
         self.world = world
         self.copies = copies

@@ -17,6 +17,7 @@ from robotouille.world.arrays.encoding import Encoding
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.atoms import EXISTS, bits_of
 from robotouille.world.grounding.effects import Effect, EffectNode
+from robotouille.world.grounding.goal import Goal
 from robotouille.world.grounding.objects import Atom, bound
 from robotouille.world.world import World
 
@@ -49,19 +50,21 @@ class GoalRule:
     kinds: tuple[int, ...]
 
 
-def goal_rule(world: World, atoms: Mapping[Atom, int], objects: Mapping[str, int]) -> GoalRule:
-    """Return a world's goal in the numbers of its encoding."""
-    identifiers = list(world.goal.variables)
-    kinds = [variable.kind for variable in world.goal.variables.values()]
+def goal_rule(
+    world: World, goal: Goal, atoms: Mapping[Atom, int], objects: Mapping[str, int]
+) -> GoalRule:
+    """Return a goal, of a world or of a dish, in the numbers of the world's encoding."""
+    identifiers = list(goal.variables)
+    kinds = [variable.kind for variable in goal.variables.values()]
     numbers = {identifier: i for i, identifier in enumerate(identifiers)}
     rules = []
-    for term in world.goal.terms:
+    for term in goal.terms:
         distinct = list(dict.fromkeys(term.ids))
         places = [term.ids.index(identifier) for identifier in distinct]
         choices = tuple(
             GoalChoice(tuple(objects[names[place]] for place in places), needed)
-            for names, needed in _choices(world, term, atoms)
-            if all(name in objects for name in names) and _suits(world, term, names)
+            for names, needed in _choices(world, goal, term, atoms)
+            if all(name in objects for name in names) and _suits(goal, term, names)
         )
         rules.append(ConditionRule(tuple(numbers[i] for i in distinct), choices))
     initial = {i for atom, i in atoms.items() if world.initial.facts & world.table.bit.get(atom, 0)}
@@ -70,16 +73,16 @@ def goal_rule(world: World, atoms: Mapping[Atom, int], objects: Mapping[str, int
 
 
 def _choices(
-    world: World, term: GoalTerm, atoms: Mapping[Atom, int]
+    world: World, goal: Goal, term: GoalTerm, atoms: Mapping[Atom, int]
 ) -> Iterator[tuple[tuple[str, ...], tuple[int, ...]]]:
     """Yield the names that can meet a condition, with the atoms that have to hold."""
     table = world.table
     if term.predicate not in table.static_predicates:
-        for atom in (table.atoms[i] for i in bits_of(world.goal.possible_mask(term))):
+        for atom in (table.atoms[i] for i in bits_of(goal.possible_mask(term))):
             if atom in atoms:
                 yield atom[1:], (atoms[atom],)
         return
-    pools = [world.goal.candidates(identifier) for identifier in term.ids]
+    pools = [goal.candidates(identifier) for identifier in term.ids]
     for atom in sorted(a for a in table.static if a[0] == term.predicate):
         if all(name in pool for name, pool in zip(atom[1:], pools, strict=True)):
             # Objects can be deleted, so a static atom holds only while they exist.
@@ -87,9 +90,9 @@ def _choices(
             yield atom[1:], tuple(atoms[e] for e in exist if e in table.bit)
 
 
-def _suits(world: World, term: GoalTerm, names: tuple[str, ...]) -> bool:
+def _suits(goal: Goal, term: GoalTerm, names: tuple[str, ...]) -> bool:
     """Return whether equal ids get one object and different ids of a kind different objects."""
-    variables = world.goal.variables
+    variables = goal.variables
     for (one, name), (other, taken) in combinations(zip(term.ids, names, strict=True), 2):
         alike = variables[one].kind == variables[other].kind
         if name != taken if one == other else name == taken and alike:
@@ -203,6 +206,18 @@ class Shift:
     effects: tuple[int, ...]
 
 
+def refuse_shift(world: World) -> None:
+    """Check that a world has a goal.
+
+    Raises:
+        RobotouilleError: It has a shift, which kernels cannot play.
+    """
+    if world.shift is not None:
+        raise RobotouilleError(
+            "the batch engine does not support shifts; use the environments, World.step or JaxBatch"
+        )
+
+
 class CompiledRules:
     """The rules of a world in the numbers of its encoding.
 
@@ -218,12 +233,8 @@ class CompiledRules:
     """
 
     def __init__(self, world: World, slots: Mapping[str, int] | None = None) -> None:
-        if world.shift is not None:
-            raise RobotouilleError(
-                "the batch engine does not support shifts; use the environments or World.step"
-            )
         self.world = world
-        self.encoding = world.encoding if slots is None else Encoding(world, slots)
+        self.encoding = world.encoding if slots is None else Encoding(world, slots, world.shift)
         self.players = world.players
         table = world.table
         self.atom = {atom: i for i, atom in enumerate(self.encoding.atoms)}
@@ -243,7 +254,7 @@ class CompiledRules:
             tuple(self._action_rule(a) for a in self.encoding.ground_actions(player))
             for player in self.players
         )
-        self.goal: GoalRule = goal_rule(world, self.atom, self.object)
+        self.goal: GoalRule = goal_rule(world, world.goal, self.atom, self.object)
 
     def atoms_of(self, mask: int) -> tuple[int, ...]:
         """Return the atoms of a mask of facts, without atoms that play cannot reach."""

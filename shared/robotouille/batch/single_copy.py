@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotouille.batch import layout as at
-from robotouille.batch.rules import CompiledRules
+from robotouille.batch.rules import CompiledRules, refuse_shift
 from robotouille.batch.state_kernels import observe_row
 from robotouille.batch.step_kernels import step_row
 from robotouille.batch.tables import Ints, in_words, initial_row, tables
@@ -87,6 +87,7 @@ class RuleTables:
     """
 
     def __init__(self, world: World) -> None:
+        refuse_shift(world)
         self.rules = CompiledRules(world)
         self.numbers = tables(self.rules)
         self.initial = initial_row(self.rules, self.numbers)

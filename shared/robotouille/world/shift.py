@@ -83,6 +83,10 @@ class ShiftRules:
         steps: The length of the shift.
         bound: Points that nobody can exceed.
         initial: The orders in the initial state.
+        parts: By dish, the number of things that it consists of.
+        serving: The stations that serve, each with the thing of each fact that puts one there.
+        discarding: The stations that return things without serving them.
+        returns: The rules by which things return.
     """
 
     def __init__(self, task: GroundTask, shift: Shift) -> None:
@@ -98,17 +102,17 @@ class ShiftRules:
             name: Goal(task.task, task.table, task.all_objects, dish.goal)
             for name, dish in shift.menu.items()
         }
-        self._return = _Return(task, shift)
-        self._parts = {
-            name: sum(self._return.moves(_type_of(v, task)) for v in goal.variables.values())
+        self.returns = Return(task, shift)
+        self.parts = {
+            name: sum(self.returns.moves(_type_of(v, task)) for v in goal.variables.values())
             for name, goal in self._goals.items()
         }
         self._known: dict[tuple[str, int], bool] = {}
         counter, bins = shift.serve.station, shift.discard
-        self._serving = self._return.surfaces(counter)
-        self._discarding = self._return.surfaces(bins) if bins is not None else {}
-        self._serving_mask = self._return.things_mask(self._serving)
-        self._discarding_mask = self._return.things_mask(self._discarding)
+        self.serving = self.returns.surfaces(counter)
+        self.discarding = self.returns.surfaces(bins) if bins is not None else {}
+        self._serving_mask = self.returns.things_mask(self.serving)
+        self._discarding_mask = self.returns.things_mask(self.discarding)
         self.initial = self._arrive(Orders(0, (), 0, 0, 0, 0))
 
     def refresh(self) -> None:
@@ -116,9 +120,14 @@ class ShiftRules:
         for goal in self._goals.values():
             goal.refresh()
         self._known.clear()
-        self._return.refresh()
+        self.returns.refresh()
 
     # Orders
+
+    @property
+    def arrivals(self) -> tuple[tuple[int, str], ...]:
+        """The time and the dish of each order."""
+        return tuple((each.at * self._factor, each.dish) for each in self._arrivals)
 
     def dish_name(self, number: int) -> str:
         """Return the name of the dish of an order."""
@@ -155,11 +164,11 @@ class ShiftRules:
             return Fulfilment(facts, timers, orders)
         orders = orders.waited()
         if facts & self._discarding_mask:
-            for surface in self._discarding.values():
-                things = self._return.things_at(surface, facts)
-                facts, timers = self._return.put_back(things, facts, timers, soiled=False)
+            for surface in self.discarding.values():
+                things = self.returns.things_at(surface, facts)
+                facts, timers = self.returns.put_back(things, facts, timers, soiled=False)
         if facts & self._serving_mask and orders.open:
-            for surface in self._serving.values():
+            for surface in self.serving.values():
                 facts, timers, orders = self._serve(surface, facts, timers, orders)
         if any(order.due <= orders.time for order in orders.open):
             orders = self._expire(orders)
@@ -170,14 +179,14 @@ class ShiftRules:
     def _serve(
         self, surface: dict[int, str], facts: int, timers: Timers, orders: Orders
     ) -> Fulfilment:
-        things = self._return.things_at(surface, facts)
+        things = self.returns.things_at(surface, facts)
         if not things:
             return Fulfilment(facts, timers, orders)
-        alone = facts & ~self._return.others_mask(things)
+        alone = facts & ~self.returns.others_mask(things)
         # Of two orders for one dish, the dish goes to the one that expires first.
         for order in orders.by_urgency:
             if self._is_dish(order.number, things, alone):
-                facts, timers = self._return.put_back(things, facts, timers, soiled=True)
+                facts, timers = self.returns.put_back(things, facts, timers, soiled=True)
                 left = tuple(each for each in orders.open if each != order)
                 score = orders.score + self.worth(order, orders.time)
                 orders = orders._replace(open=left, score=score, served=orders.served + 1)
@@ -189,14 +198,14 @@ class ShiftRules:
         name = self.dish_name(number)
         goal = self._goals[name]
         # Without this test, the search would go through all choices of parts from a large pile.
-        if len(things) != self._parts[name]:
+        if len(things) != self.parts[name]:
             return False
         key = name, facts & goal.relevant
         known = self._known.get(key)
         if known is None:
             if len(self._known) >= MAX_KEPT:
                 self._known.clear()
-            movable = self._return.movable
+            movable = self.returns.movable
             known = self._known[key] = any(
                 movable.intersection(binding.values()) == things
                 for binding in islice(goal.assignments(facts), MAX_TRIED)
@@ -270,28 +279,38 @@ def _type_of(variable: Variable, task: GroundTask) -> str:
     return next((o.type for o in task.all_objects() if o.kind == variable.kind), variable.kind)
 
 
-class _Return:
-    """Returns things from a surface to where they were at the beginning of the task."""
+class Return:
+    """Returns things from a surface to where they were at the beginning of the task.
+
+    Attributes:
+        homes: The station of each thing that can move; None for what a thing contains.
+        stations: The stations.
+        rules: Predicates of the layout, by the position to which they belong.
+        defaults: Facts that hold unless others do, as predicates.
+        derived: Predicates that follow from positions.
+        soils: Predicates that served things lose.
+        movable: Names of all objects that can move.
+    """
 
     def __init__(self, task: GroundTask, shift: Shift) -> None:
         self._task = task
         self._table: AtomTable = task.table
-        self._soils = frozenset(shift.serve.soils)
+        self.soils = frozenset(shift.serve.soils)
         self._predicates = shift.serve.predicates
         self._leaving = {shift.serve.station, shift.discard}
         domain = task.task.domain
         self._fixed_types = {*domain.station_types, *domain.player_types}
         self._types = {p.name: p.param_types for p in domain.predicate_defs}
         rules = domain.layout or ()
-        self._rules = {
+        self.rules = {
             when: [rule.predicate for rule in rules if rule.when == when]
             for when in ("shares_tile", "bottom_of_stack", "next_in_stack", "top_of_stack")
         }
-        self._defaults = [(rule.predicate, rule.unless) for rule in rules if rule.unless]
+        self.defaults = [(rule.predicate, rule.unless) for rule in rules if rule.unless]
         # Facts that follow from positions are computed again when a thing returns.
-        self._derived = {rule.predicate for rule in rules}
-        self._stations = [o for o in task.placed if o.type in domain.station_types]
-        self._homes = {o.name: self._home(o) for o in task.placed if self.moves(o.type)}
+        self.derived = {rule.predicate for rule in rules}
+        self.stations = [o for o in task.placed if o.type in domain.station_types]
+        self.homes = {o.name: self._home(o) for o in task.placed if self.moves(o.type)}
         self.refresh()
 
     def refresh(self) -> None:
@@ -305,8 +324,8 @@ class _Return:
 
     def _home(self, thing: Object) -> str | None:
         """Return the station where a thing is at the beginning; None for what a thing contains."""
-        here = next((o.name for o in self._stations if o.tile == thing.tile), None)
-        shared = ((p, thing.name, here or "") for p in self._rules["shares_tile"])
+        here = next((o.name for o in self.stations if o.tile == thing.tile), None)
+        shared = ((p, thing.name, here or "") for p in self.rules["shares_tile"])
         return here if self._table.mask(shared) else None
 
     # Surfaces
@@ -374,7 +393,7 @@ class _Return:
             facts &= ~self._table.mentions(name)
         # Sorted, so that a state does not depend on the order of a set.
         for name in sorted(things):
-            home = self._homes.get(name)
+            home = self.homes.get(name)
             if home is not None:
                 station = self._station_with_room(name, home, facts)
                 facts = self._place(name, station, facts)
@@ -391,15 +410,13 @@ class _Return:
         return {n for i in bits_of(facts & self._table.mentions(thing)) for n in atoms[i][1:]}
 
     def _unsoiled(self, things: Iterable[str], facts: int) -> int:
-        bits = (self._table.mask([(soil, name)]) for soil in self._soils for name in things)
+        bits = (self._table.mask([(soil, name)]) for soil in self.soils for name in things)
         return sum(bit for bit in bits if facts & bit)
 
     def _station_with_room(self, name: str, home: str, facts: int) -> str:
         """Return the thing's station, or an empty one like it if something else is there."""
-        type_, kind = self._task.thing(name).type, self._task.thing(home).kind
-        others = [o for o in self._stations if o.kind not in self._leaving]
-        others.sort(key=lambda o: (o.kind != kind, o.name not in self._task.floor.plain))
-        for station in (home, *(o.name for o in others)):
+        type_ = self._task.thing(name).type
+        for station in self.stations_for(home):
             there = set(self._related(station, facts))
             alike = all(self._task.thing(other).type == type_ for other in there)
             piles_up = station == home and alike and self._top(home, type_, facts) is not None
@@ -407,32 +424,45 @@ class _Return:
                 return station
         return home
 
+    def stations_for(self, home: str) -> tuple[str, ...]:
+        """Return the stations to which a thing can return, the best first: its home."""
+        kind = self._task.thing(home).kind
+        others = [o for o in self.stations if o.kind not in self._leaving]
+        others.sort(key=lambda o: (o.kind != kind, o.name not in self._task.floor.plain))
+        return (home, *(o.name for o in others))
+
+    def own_facts(self, name: str) -> int:
+        """Return the mask of a thing's first facts that positions do not determine."""
+        mask = 0
+        for bit in bits_of(self._task.initial_facts & self._table.mentions(name)):
+            atom = self._table.atoms[bit]
+            if len(atom) == 2 and atom[0] not in self.derived and atom[0] not in self.soils:
+                mask |= 1 << bit
+        return mask
+
     def _place(self, name: str, station: str, facts: int) -> int:
         """Put a thing on a station, on top of what is there."""
-        table, own = self._table, self._task.initial_facts
-        for bit in bits_of(own & table.mentions(name)):
-            atom = table.atoms[bit]
-            if len(atom) == 2 and atom[0] not in self._derived and atom[0] not in self._soils:
-                facts |= 1 << bit
+        table = self._table
+        facts |= self.own_facts(name)
         type_ = self._task.thing(name).type
         below = self._top(station, type_, facts)
-        for predicate in self._rules["shares_tile"]:
+        for predicate in self.rules["shares_tile"]:
             facts |= table.mask([(predicate, name, station)])
         if below is None:
-            facts |= table.mask((p, name, station) for p in self._rules["bottom_of_stack"])
+            facts |= table.mask((p, name, station) for p in self.rules["bottom_of_stack"])
         else:
-            facts |= table.mask((p, name, below) for p in self._rules["next_in_stack"])
-            facts &= ~table.mask((p, below) for p in self._rules["top_of_stack"])
-        return facts | table.mask((p, name) for p in self._rules["top_of_stack"])
+            facts |= table.mask((p, name, below) for p in self.rules["next_in_stack"])
+            facts &= ~table.mask((p, below) for p in self.rules["top_of_stack"])
+        return facts | table.mask((p, name) for p in self.rules["top_of_stack"])
 
     def _top(self, station: str, type_: str, facts: int) -> str | None:
         """Return the thing of a type on top of a station's stack."""
-        for predicate in self._rules["shares_tile"]:
+        for predicate in self.rules["shares_tile"]:
             if self._types[predicate][0] != type_:
                 continue
             for thing in self._table.by_type[type_]:
                 here = self._table.mask([(predicate, thing, station)])
-                top = self._table.mask((p, thing) for p in self._rules["top_of_stack"])
+                top = self._table.mask((p, thing) for p in self.rules["top_of_stack"])
                 if facts & here and facts & top:
                     return thing
         return None
@@ -440,7 +470,7 @@ class _Return:
     def _with_defaults(self, names: Iterable[str], facts: int) -> int:
         """Compute the facts again that hold unless others do, such as `station_empty`."""
         table = self._table
-        for predicate, unless in self._defaults:
+        for predicate, unless in self.defaults:
             spoilers = 0
             for other in unless or ():
                 if other in table.fluents:
