@@ -1,0 +1,154 @@
+"""Copies of a task as an environment for a team: shaped rewards, episodes that end and start."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from robotouille.world.world import World
+from robotouille_jax.engine import CopyState
+from robotouille_jax.jax_batch import JaxBatch
+from robotouille_jax.learning.views import views
+from robotouille_jax.padded import Array
+
+
+class Copies(NamedTuple):
+    """States of all copies, with the steps and the sparse return of the running episodes."""
+
+    states: CopyState
+    time: Array
+    score: Array
+
+
+class Seen(NamedTuple):
+    """What the networks get: one row for each copy and seat.
+
+    Attributes:
+        own: The seat's view of the state, then the seat as one-hot numbers.
+        common: The same for all seats: the state, then zeros.
+        masks: Valid actions; the last one, which is always valid, is to do nothing.
+    """
+
+    own: Array
+    common: Array
+    masks: Array
+
+
+class Outcome(NamedTuple):
+    """Result of a step of each copy.
+
+    Attributes:
+        reward: Shaped reward of the team.
+        terminated: True if nothing can follow, so that the value of the next state is 0.
+        ended: True if the episode ended, by its time limit too.
+        goal: True if the goal was reached.
+        steps: Steps of the episode so far.
+        score: Sum of the episode's rewards without shaping.
+        progress: Share of the goal's conditions that hold.
+    """
+
+    reward: Array
+    terminated: Array
+    ended: Array
+    goal: Array
+    steps: Array
+    score: Array
+    progress: Array
+
+
+class TeamEnvironment:
+    """Copies of a world whose players earn one reward.
+
+    Args:
+        world: The world.
+        horizon: Longest episode.
+        gamma: Discount of the shaped reward.
+        shaping: Weight of the shaped reward; 0 leaves the sparse one.
+
+    Attributes:
+        inputs: Length of an input of the networks.
+        actions: Number of outputs of an actor: the actions of a seat, and doing nothing.
+        seats: Number of seats.
+    """
+
+    def __init__(self, world: World, horizon: int, gamma: float, shaping: float) -> None:
+        batch = JaxBatch(world, 1)
+        self._engine = engine = batch.engine
+        self.horizon, self._gamma, self._shaping = horizon, gamma, shaping
+        self.views = views(batch.encoding, world.players)
+        self.seats = len(world.players)
+        self.inputs = batch.vector_size + self.seats
+        self.counts = batch.action_counts
+        self.actions = max(self.counts) + 1
+        self._columns, self._scale = jnp.asarray(self.views.columns), jnp.asarray(self.views.scale)
+        # Networks learn best from rewards near 1, but a dish earns dozens of points.
+        menu = () if world.shift is None else world.shift.menu.values()
+        self._unit = max((dish.points + dish.tip for dish in menu), default=1)
+        self._identity = jnp.eye(self.seats)
+        self._step = jax.vmap(engine.step)
+        self._potential = jax.vmap(engine.potential)
+
+    def start(self, copies: int) -> Copies:
+        """Return copies in the initial state."""
+        states = jax.tree.map(
+            lambda array: jnp.repeat(array[None], copies, axis=0), self._engine.initial
+        )
+        return Copies(states, jnp.zeros(copies, jnp.int32), jnp.zeros(copies))
+
+    def seen(self, states: CopyState) -> Seen:
+        """Return what the networks see."""
+        vectors = jax.vmap(self._engine.vector)(states)
+        copies = len(vectors)
+        identity = jnp.broadcast_to(self._identity, (copies, self.seats, self.seats))
+        own = vectors[:, self._columns] * self._scale
+        common = jnp.broadcast_to((vectors * self._scale)[:, None], own.shape)
+        return Seen(
+            jnp.concatenate([own, identity], axis=2),
+            jnp.concatenate([common, jnp.zeros_like(identity)], axis=2),
+            jnp.stack([self._mask(states, seat) for seat in range(self.seats)], axis=1),
+        )
+
+    def step(self, copies: Copies, actions: Array) -> tuple[Copies, Outcome, Seen]:
+        """Take a joint step; copies whose episode ends start a new one.
+
+        Returns:
+            The copies, the result of the step, and what the networks see after it, before new
+            episodes start.
+        """
+        numbers = jnp.where(actions < self.actions - 1, actions, -1)
+        states, result = self._step(copies.states, numbers)
+        time, score = copies.time + 1, copies.score + result.rewards
+        terminated = result.terminated | result.overflowed
+        ended = terminated | (time >= self.horizon)
+        # The potential of an end is 0, so that shaping does not change which policy is best.
+        reached = self._potential(states)
+        potential = jnp.where(terminated, 0.0, reached)
+        shaped = self._gamma * potential - self._potential(copies.states)
+        outcome = Outcome(
+            result.rewards / self._unit + self._shaping * shaped,
+            terminated,
+            ended,
+            result.terminated,
+            time,
+            score,
+            1 + reached,
+        )
+        new = self.start(len(time))
+        chosen = jax.tree.map(
+            lambda first, second: jnp.where(
+                ended.reshape(-1, *[1] * (first.ndim - 1)), first, second
+            ),
+            new,
+            Copies(states, time, score),
+        )
+        return chosen, outcome, self.seen(states)
+
+    def _mask(self, states: CopyState, seat: int) -> Array:
+        mask = jax.vmap(self._engine.mask, in_axes=(0, None))(states, seat)
+        spare = np.zeros((1, self.actions - 1 - self.counts[seat]), bool)
+        nothing = np.ones((1, 1), bool)
+        tail = np.concatenate([spare, nothing], axis=1)
+        return jnp.concatenate([mask, jnp.repeat(tail, len(mask), axis=0)], axis=1)
