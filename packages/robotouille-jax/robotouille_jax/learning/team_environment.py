@@ -24,7 +24,7 @@ class Copies(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What the networks get: one row for each copy and seat.
+    """Input of the networks, with one row for each copy and seat.
 
     Attributes:
         own: The seat's view of the state, then the seat as one-hot numbers.

@@ -1,4 +1,4 @@
-"""What each seat's network sees: the state's vector with the seat's own player first."""
+"""Inputs of each seat's network: the state's vector with the seat's own player first."""
 
 from __future__ import annotations
 
