@@ -32,6 +32,8 @@ NO_REASONING = (
     "'Reasoning: <reasoning>'."
 )
 FINISH = "Finish"
+FEEDBACK = "Error Feedback: "
+"""Beginning of the line above an observation that says why an answer was rejected."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +120,7 @@ class ReAct:
         heard = heard_text(observation.heard) if self._settings.talks else ""
         shown = filter(None, [heard, observation.text, self._settings.rules])
         text = "\n\n".join(shown) + self.footer
-        prompt = f"Error Feedback: {self._feedback}\n{text}" if self._feedback else text
+        prompt = f"{FEEDBACK}{self._feedback}\n{text}" if self._feedback else text
         request, completion = yield from self._complete(prompt, exchanges)
         return self._judge(request, completion, prompt, text, observation.valid)
 

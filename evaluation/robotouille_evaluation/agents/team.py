@@ -129,17 +129,26 @@ class Team(Protocol):
 
 
 class IndependentTeam:
-    """Team with a strategy, and so a conversation, for each seat. The seats can chat."""
+    """Team with a strategy, and so a conversation, for each seat. The seats can chat.
+
+    Args:
+        in_turn: Ask one strategy after the other. It needs no event loop.
+    """
 
     def __init__(
-        self, strategies: Mapping[str, Strategy], complete: Mapping[str, Complete]
+        self,
+        strategies: Mapping[str, Strategy],
+        complete: Mapping[str, Complete],
+        *,
+        in_turn: bool = False,
     ) -> None:
         self._strategies = strategies
         self._complete = complete
+        self._in_turn = in_turn
         self._chat = TeamChat(strategies)
 
     async def propose(self, seen: Mapping[str, AgentObservation], take: Take) -> None:
-        """Ask all strategies at the same time.
+        """Ask all strategies, at the same time unless `in_turn`.
 
         Chat messages are delivered in seat order, not in order of arrival. A resumed run therefore
         sends the same requests again and finds their answers in the journal.
@@ -153,7 +162,11 @@ class IndependentTeam:
             proposals[player] = await answer_all(asking, self._complete[player])
 
         try:
-            await all_of(map(decide, seen))
+            if self._in_turn:
+                for player in seen:
+                    await decide(player)
+            else:
+                await all_of(map(decide, seen))
         finally:
             for player in seen:
                 if player in proposals:

@@ -67,7 +67,7 @@ def read_completion(
     text = without_secrets(_text(message.get("content")), secrets)
     if not text.strip():
         raise _no_text(message, finish_reason, usage, secrets)
-    cut = _cut(text)
+    cut = cut_answer(text)
     return ModelAnswer(cut, "too-long" if len(cut) < len(text) else finish_reason, usage)
 
 
@@ -96,7 +96,8 @@ def encodable(text: str) -> str:
     return text.encode(errors="replace").decode()
 
 
-def _cut(text: str) -> str:
+def cut_answer(text: str) -> str:
+    """Return at most the first `MAX_ANSWER_BYTES` of an encodable text."""
     # UTF-8 has at most four bytes per character, so short texts need no encoding.
     if len(text) * 4 <= MAX_ANSWER_BYTES:
         return text

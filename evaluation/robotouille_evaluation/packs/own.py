@@ -150,6 +150,14 @@ def pack_with(names: Iterable[str]) -> Pack:
     return _built_once(wanted.pop(), None)
 
 
+def prompts_of(domain: DomainFile, *, shifts: bool = False) -> Pack:
+    """Return a built-in pack's prompts and examples, without tasks, which take seconds to read."""
+    prompts = own_prompts(domain, shifts=shifts)
+    examples = own_examples(EXAMPLE_OF_SHIFTS) if shifts else own_examples()
+    name = SHIFTS if shifts else NAME
+    return Pack(name, VERSION, canonical_domain(domain), (), (), prompts, examples)
+
+
 _built: dict[str, Pack] = {}
 
 
@@ -176,16 +184,8 @@ def _build(pack: str, progress: Progress | None) -> Pack:
         instances += found
         if progress is not None:
             progress(number, len(names))
-    examples = own_examples(EXAMPLE_OF_SHIFTS) if shifts else own_examples()
-    return Pack(
-        pack,
-        VERSION,
-        canonical_domain(domain),
-        tuple(tasks),
-        tuple(instances),
-        own_prompts(domain, shifts=shifts),
-        examples,
-    )
+    bare = prompts_of(domain, shifts=shifts)
+    return replace(bare, tasks=tuple(tasks), instances=tuple(instances))
 
 
 def canonical_domain(domain: DomainFile) -> str:
