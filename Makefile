@@ -13,12 +13,14 @@ SEEDS ?= 0:2000
 HOSTILE ?= 1000000
 AGREEMENT ?= 10000000
 
+HUBS := robotouille-verifiers robotouille_env robotouille-textarena
+
 UV := 0.13.9
 COMPILE := $(BIN)/uv pip compile --quiet --upgrade --universal --python-version 3.11 --generate-hashes \
 	--no-annotate --no-emit-index-url --no-emit-find-links --custom-compile-command 'make lock' \
 	pyproject.toml --group build
 
-.PHONY: help install demo test test-all nightly check docs bench format lock clean
+.PHONY: help install demo test test-all nightly hubs check docs bench format lock clean
 
 help:  ## List the targets
 	@sed -nE 's/^([a-z-]+):.*## (.*)/\1|\2/p' $(MAKEFILE_LIST) | \
@@ -52,6 +54,7 @@ test-all: $(STAMP)  ## Run all tests, also with processes, browser and proxies: 
 nightly: $(STAMP)  ## Run drills, many seeds, hostile inputs and floods: hours; SEEDS=FROM:TO HOSTILE=COUNT
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,local]' --editable packages/robotouille-jax
 	ROBOTOUILLE_FUZZ=10 ROBOTOUILLE_ORACLE_TASKS=500 $(PYTEST) -m "nightly or not nightly"
+	$(MAKE) hubs
 	$(BIN)/python -m tests.programs.simulation --seeds $(SEEDS)
 	$(BIN)/python -m tests.programs.simulation --day
 	$(BIN)/python -m tests.programs.drill
@@ -60,6 +63,16 @@ nightly: $(STAMP)  ## Run drills, many seeds, hostile inputs and floods: hours; 
 	$(BIN)/python -m tests.programs.floods
 	$(BIN)/python -m tests.programs.every_bit
 	$(BIN)/python -m tests.programs.batch_agreement --steps $(AGREEMENT)
+
+# Their libraries need other versions of mcp and openai than the rest, so each has its own environment.
+hubs:  ## Test the adapters for verifiers, OpenEnv and TextArena
+	set -e; for hub in $(HUBS); do \
+		echo "testing $$hub"; \
+		$(PYTHON) -m venv out/hubs/$$hub; \
+		out/hubs/$$hub/bin/python -m pip install --quiet --disable-pip-version-check --upgrade 'pip>=25.1'; \
+		out/hubs/$$hub/bin/python -m pip install --quiet --disable-pip-version-check . ./packages/$$hub --group hubs; \
+		out/hubs/$$hub/bin/python -m pytest tests/hubs -m ''; \
+	done
 
 check: $(STAMP)  ## Check lint, format, types (also of the browser client) and import contracts
 	$(BIN)/ruff check .
