@@ -1,6 +1,6 @@
 """Speed of `JaxBatch` on every device that JAX finds, with agreement with `BatchWorld`.
 
-python -m benchmarks.jax_batch [--copies 1024,4096] [--tasks NAMES] [--out FILE.csv]
+python -m benchmarks.jax_batch [--platforms gpu,cpu] [--copies 1024,4096] [--out FILE.csv]
 
 A step includes a random valid action for each player, which needs the masks, and the vectors. The
 whole loop of a measurement is one compiled function.
@@ -19,6 +19,7 @@ import numpy as np
 
 from robotouille import World
 from robotouille.batch import BatchWorld
+from robotouille.compiling import COMPILED
 from robotouille_jax import JaxBatch
 
 TASKS = ("synchronous/01", "training/03@2", "multi_agent/01@2", "multi_agent/10@4")
@@ -52,7 +53,7 @@ def measure_numpy(world: World, copies: int) -> float:
     return taken / (time.perf_counter() - began)
 
 
-def disagreements(world: World, copies: int, device: jax.Device, steps: int = 200) -> int:
+def disagreements(world: World, copies: int, device: jax.Device, steps: int = 100) -> int:
     """Return the number of copies that differ from `BatchWorld` after any of many random steps."""
     with jax.default_device(device):
         reference = BatchWorld(world, copies, seed=1, auto_reset=True)
@@ -71,26 +72,32 @@ def disagreements(world: World, copies: int, device: jax.Device, steps: int = 20
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--copies", default="1024,4096,16384,65536")
-    parser.add_argument("--cpu-copies", default="1024,4096")
+    parser.add_argument("--platforms", default="gpu,cpu", help="of those that JAX finds")
+    parser.add_argument("--compared", type=int, default=256, help="copies compared")
     parser.add_argument("--tasks", default=",".join(TASKS))
-    parser.add_argument("--out", type=Path)
+    parser.add_argument("--out", type=Path, help="a table, to which rows are added")
     asked = parser.parse_args()
-    file = asked.out.open("w", newline="", encoding="utf-8") if asked.out else sys.stdout
+    file = asked.out.open("a", newline="", encoding="utf-8") if asked.out else sys.stdout
     writer = csv.writer(file)
-    writer.writerow(("task", "engine", "device", "copies", "steps_per_second", "compile_seconds"))
-    devices = {device.platform: device for device in (*jax.devices("cpu")[:1], jax.devices()[0])}
+    if not asked.out or not file.tell():
+        writer.writerow(("task", "engine", "device", "copies", "steps_per_second", "compile_s"))
+    found = {device.platform: device for device in (*jax.devices("cpu")[:1], jax.devices()[0])}
+    devices = {
+        platform: found[platform] for platform in asked.platforms.split(",") if platform in found
+    }
     for name in asked.tasks.split(","):
         world = World(name)
         for platform, device in devices.items():
-            copies = asked.cpu_copies if platform == "cpu" else asked.copies
-            wrong = disagreements(world, 256, device)
-            print(f"{name} on {platform}: {wrong} of 256 copies differ", file=sys.stderr)
-            for number in map(int, copies.split(",")):
+            if world.shift is None:
+                wrong = disagreements(world, asked.compared, device)
+                print(f"{name} on {platform}: {wrong} of {asked.compared} copies differ")
+            for number in map(int, asked.copies.split(",")):
                 speed, compiled = measure_jax(world, number, device)
                 writer.writerow((name, "jax", device, number, f"{speed:.0f}", f"{compiled:.1f}"))
                 file.flush()
-        writer.writerow((name, "numba", "cpu", 1024, f"{measure_numpy(world, 1024):.0f}", ""))
-        file.flush()
+        if COMPILED and "cpu" in devices and world.shift is None:
+            writer.writerow((name, "numba", "cpu", 1024, f"{measure_numpy(world, 1024):.0f}", ""))
+            file.flush()
 
 
 if __name__ == "__main__":
