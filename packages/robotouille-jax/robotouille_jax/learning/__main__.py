@@ -88,7 +88,7 @@ def _write(
         for seed in range(asked.seeds):
             actor = jax.tree.map(lambda x, run=own.start + seed: x[run], networks.actor)
             name = f"{stem}_{algorithm}_{seed}"
-            write_weights(asked.out / f"{name}.npz", world, environment, actor, name)
+            write_weights(asked.out / f"{name}.npz", world, environment.views, actor, name)
         for name, values in parts.items():
             last = np.nanmean(values[:, -10:], axis=1)
             print(f"{asked.task}: {algorithm} last 10 rollouts, {name}: {np.round(last, 3)}")

@@ -1,36 +1,23 @@
-"""Trained actors as files of arrays, which play with NumPy alone (`TrainedPolicy`)."""
+"""Trained networks as files that play without JAX."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from robotouille.planning.policies.trained import Actor, layout_of, write_actor
 from robotouille.world.world import World
 from robotouille_jax.learning.network import Layers
-from robotouille_jax.learning.team_environment import TeamEnvironment
-
-VERSION = 1
+from robotouille_jax.learning.views import Views
 
 
-def write_weights(
-    path: Path, world: World, environment: TeamEnvironment, actor: Layers, name: str
-) -> None:
-    """Write an actor; 16-bit numbers halve the file and change no choice that matters."""
-    layers: dict[str, Any] = {
-        f"{kind}{i}": np.asarray(array, np.float16)
-        for i, layer in enumerate(actor)
-        for kind, array in zip(("weights", "biases"), layer, strict=True)
-    }
-    np.savez_compressed(
-        path,
-        version=np.int64(VERSION),
-        name=np.str_(name),
-        task=np.str_(world.task.name),
-        digest=np.str_(world.task.digest),
-        encoding=np.int64(world.encoding.version),
-        columns=environment.views.columns,
-        scale=environment.views.scale,
-        **layers,
+def write_weights(path: Path, world: World, views: Views, layers: Layers, name: str) -> None:
+    """Write the layers of an actor."""
+    arrays = tuple(
+        (np.asarray(weights, np.float32), np.asarray(biases, np.float32))
+        for weights, biases in layers
     )
+    layout = layout_of(world.encoding, world.players)
+    task = f"{world.task.name}@{len(world.players)}"
+    write_actor(path, Actor(name, task, layout, views.columns, views.scale, arrays))

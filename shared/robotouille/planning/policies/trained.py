@@ -1,0 +1,166 @@
+"""Policies trained by reinforcement learning, from files of arrays; they need NumPy alone.
+
+`robotouille-train` writes the files: the layers of an actor network, the columns of the state's
+vector that each seat sees, and the layout for which they were trained.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from robotouille.errors import Fault, FileError, RobotouilleError
+from robotouille.planning.policies.policy import Did
+from robotouille.world.arrays.encoding import Encoding
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.world import State
+
+VERSION = 1
+"""Version of the file format."""
+MAX_BYTES = 64 << 20
+"""Largest size of a file's arrays, packed or not."""
+MAX_NAME = 200
+
+Floats = npt.NDArray[np.float32]
+
+
+def layout_of(encoding: Encoding, players: tuple[str, ...]) -> str:
+    """Return a hash of the names of all numbers of a vector and of all players' actions.
+
+    Tasks that differ in durations only have the same layout.
+    """
+    names = [*encoding.columns, *(str(a) for p in players for a in encoding.ground_actions(p))]
+    return hashlib.blake2b("\n".join(names).encode(), digest_size=16).hexdigest()
+
+
+@dataclass(frozen=True)
+class Actor:
+    """A trained actor.
+
+    Attributes:
+        name: The name of the training run.
+        task: The task for which it was trained, such as `training/03_multi_agent@2`.
+        layout: See `layout_of`.
+        columns: For each seat, the column of the state's vector behind each input.
+        scale: The factor of each input.
+        layers: Weights and biases. The last output stands for doing nothing.
+    """
+
+    name: str
+    task: str
+    layout: str
+    columns: npt.NDArray[np.int32]
+    scale: Floats
+    layers: tuple[tuple[Floats, Floats], ...]
+
+    def logits(self, seat: int, vector: Floats) -> Floats:
+        """Return the output for a seat and a state's vector."""
+        identity = np.zeros(len(self.columns), np.float32)
+        identity[seat] = 1
+        values = np.concatenate([vector[self.columns[seat]] * self.scale, identity])
+        for weights, biases in self.layers[:-1]:
+            values = np.maximum(values @ weights + biases, 0)
+        weights, biases = self.layers[-1]
+        output: Floats = values @ weights + biases
+        return output
+
+
+def write_actor(path: Path, actor: Actor) -> None:
+    """Write an actor. Numbers of 16 bits halve the file and change no choice that matters."""
+    arrays: dict[str, Any] = {
+        f"{kind}{i}": array.astype(np.float16)
+        for i, layer in enumerate(actor.layers)
+        for kind, array in zip(("weights", "biases"), layer, strict=True)
+    }
+    for name in ("name", "task", "layout"):
+        arrays[name] = np.str_(getattr(actor, name))
+    np.savez_compressed(
+        path, version=np.int64(VERSION), columns=actor.columns, scale=actor.scale, **arrays
+    )
+
+
+def read_actor(path: Path) -> Actor:
+    """Read an actor.
+
+    Raises:
+        FileError: The file cannot be read or is not one of an actor.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if sum(entry.file_size for entry in archive.infolist()) > MAX_BYTES:
+                raise ValueError(f"its arrays are larger than {MAX_BYTES >> 20} MiB")
+        with np.load(path, allow_pickle=False) as arrays:
+            return _actor(arrays)
+    except OSError as error:
+        fault = Fault("", f"cannot be read: {error.strerror or error}")
+    except (KeyError, ValueError, zipfile.BadZipFile) as error:
+        fault = Fault("", f"not a trained policy: {error}; robotouille-train writes such files")
+    raise FileError(str(path), [fault])
+
+
+def _actor(arrays: Any) -> Actor:
+    if int(arrays["version"]) != VERSION:
+        raise ValueError(f"expected version {VERSION}, found {int(arrays['version'])}")
+    count = sum(name.startswith("weights") for name in arrays.files)
+    layers = tuple(
+        (arrays[f"weights{i}"].astype(np.float32), arrays[f"biases{i}"].astype(np.float32))
+        for i in range(count)
+    )
+    columns, scale = arrays["columns"].astype(np.int32), arrays["scale"].astype(np.float32)
+    if columns.ndim != 2 or scale.shape != columns.shape[1:]:
+        raise ValueError("columns and scale do not fit")
+    width = sum(columns.shape)
+    if np.any(np.sort(columns, axis=1) != np.arange(columns.shape[1])):
+        raise ValueError("columns are not numbered from 0")
+    for weights, biases in layers:
+        if weights.ndim != 2 or weights.shape != (width, *biases.shape):
+            raise ValueError("the layers do not fit")
+        if not (np.isfinite(weights).all() and np.isfinite(biases).all()):
+            raise ValueError("a layer has numbers that are not finite")
+        width = len(biases)
+    name, task, layout = (str(arrays[key])[:MAX_NAME] for key in ("name", "task", "layout"))
+    return Actor(name, task, layout, columns, scale, layers)
+
+
+class TrainedPolicy:
+    """Policy of one seat that draws its actions from a trained actor. Equal seeds draw alike.
+
+    Args:
+        greedy: Take the most probable action instead.
+
+    Raises:
+        RobotouilleError: The actor was trained for another kitchen or another number of seats.
+    """
+
+    def __init__(
+        self, actor: Actor, state: State, player: str, seed: int = 0, *, greedy: bool = False
+    ) -> None:
+        world = state.world
+        if layout_of(world.encoding, world.players) != actor.layout:
+            raise RobotouilleError(
+                f"{actor.name} was trained for {actor.task} and cannot play {world.task.name} "
+                f"with {len(world.players)} seats"
+            )
+        self._actor, self._player, self._greedy = actor, player, greedy
+        self._seat = world.players.index(player)
+        self._random = np.random.default_rng([seed, self._seat])
+
+    def observe(self, did: Did) -> None:
+        """Ignore the step: the network sees states only."""
+
+    def act(self, state: State) -> GroundAction | None:
+        """Return the action to take, or None to do nothing."""
+        numbers = np.append(np.flatnonzero(state.mask(self._player)), -1)
+        logits = self._actor.logits(self._seat, state.vector())[numbers].astype(float)
+        weights = np.exp(logits - logits.max())
+        if self._greedy:
+            chosen = int(numbers[np.argmax(weights)])
+        else:
+            chosen = int(self._random.choice(numbers, p=weights / weights.sum()))
+        return None if chosen < 0 else state.action(self._player, chosen)
