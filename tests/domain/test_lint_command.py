@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 from typer.testing import CliRunner
 
@@ -161,3 +162,26 @@ def test_another_domain(tmp_path: Path) -> None:
     status, lines = lint(problem)
     assert status == 1
     assert f"{problem}: error: config.cuts: unknown configuration key 'cuts'; " in lines[0]
+
+
+def test_object_that_occurs_once_in_an_action(tmp_path: Path) -> None:
+    knead: dict[str, Any] = {
+        "name": "knead",
+        "language_description": "Knead {i1} at {s1} with {p1}",
+        "precons": [
+            {"predicate": "iscut", "params": ["i2"], "is_true": True},
+            {"predicate": "loc", "params": ["p1", "s1"], "is_true": True},
+            {"predicate": "item_on", "params": ["i1", "s1"], "is_true": True},
+        ],
+        "immediate_fx": [],
+        "sfx": [],
+    }
+    bakery = {"version": "2.0", "name": "bakery", "extends": "robotouille", "action_defs": [knead]}
+    _, lines = lint(write(tmp_path, "bakery.json", bakery))
+    assert any(
+        "warning: action_defs[0].precons[0].params[0]: 'i2' occurs nowhere else in 'knead', so any "
+        "object will do; is another one meant?" in line
+        for line in lines
+    )
+    knead["precons"][0]["params"] = ["i1"]
+    assert "occurs nowhere else" not in "".join(lint(write(tmp_path, "b.json", bakery))[1])

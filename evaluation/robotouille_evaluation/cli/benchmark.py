@@ -47,6 +47,12 @@ def run(
         write_pack(planned.pack, planned.folder)
     run_folder = _create(out, planned, options.steps_to_go)
     _warn_of_unknown_optima(planned)
+    if options.steps_to_go:
+        tell(
+            "--steps-to-go searches for a plan after each failed episode, which can take longer "
+            "than the episode; `robotouille benchmark resume` continues a stopped run",
+            err=True,
+        )
     play(run_folder, planned.pack, planned.jobs, _workers(options))
 
 

@@ -14,6 +14,9 @@ from typing import Any
 from uuid import uuid4
 
 from inspect_ai import Task, task
+
+# Inspect has no public error that it shows without a traceback.
+from inspect_ai._util.error import PrerequisiteError
 from inspect_ai.model import (
     ChatMessage,
     GenerateConfig,
@@ -27,6 +30,7 @@ from inspect_ai.scorer import Metric
 from inspect_ai.solver import Generate, Solver, TaskState, solver
 from inspect_ai.tool import ToolChoice, ToolInfo
 from inspect_ai.util import LimitExceededError
+from rich.markup import escape
 
 from robotouille.errors import FileError, RobotouilleError
 from robotouille.installation import VERSION
@@ -103,7 +107,23 @@ def shifts(options: ShiftTaskOptions) -> Task:
     return _task("shifts", options, SHIFT_METRICS)
 
 
+class TaskOptionError(RobotouilleError, PrerequisiteError):
+    """Wrong option of a task, which Inspect prints in a line instead of a traceback."""
+
+    def __init__(self, message: str) -> None:
+        RobotouilleError.__init__(self, message)
+        # Inspect prints the message with Rich, for which brackets are markup.
+        self.message = escape(message)
+
+
 def _task(dataset: str, options: TaskOptions, metrics: dict[str, list[Metric]] = METRICS) -> Task:
+    try:
+        return _checked_task(dataset, options, metrics)
+    except RobotouilleError as error:
+        raise TaskOptionError(str(error)) from None
+
+
+def _checked_task(dataset: str, options: TaskOptions, metrics: dict[str, list[Metric]]) -> Task:
     pack = load_pack(options.pack)
     return Task(
         dataset=samples(pack, dataset, options),

@@ -215,7 +215,21 @@ def lint_domain(domain: DomainFile) -> list[Fault]:
             if condition.is_true and not given:
                 message = f"{action.name!r} can never apply: nothing makes {name!r} true"
                 faults.append(Fault(f"{path}.precons[{j}]", message))
+        faults += (Fault(f"{path}.{where}", words, "warning") for where, words in _lonely(action))
     return faults
+
+
+def _lonely(action: ActionDef) -> Iterator[tuple[str, str]]:
+    """Yield the preconditions whose only object occurs nowhere else in the action.
+
+    Any object of the task could fulfil them, as for `isdough(i2)` in place of `isdough(i1)`.
+    """
+    text = action.model_dump_json()
+    for j, condition in enumerate(action.precons):
+        for name in condition.params if len(condition.params) == 1 else ():
+            if text.count(f'"{name}"') == 1 and f"{{{name}}}" not in action.language_description:
+                words = f"{name!r} occurs nowhere else in {action.name!r}, so any object will do"
+                yield f"precons[{j}].params[0]", f"{words}; is another one meant?"
 
 
 def _contradictions(action: ActionDef) -> list[str]:

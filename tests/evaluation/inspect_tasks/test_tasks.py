@@ -217,8 +217,13 @@ def test_names_of_tasks(tmp_path: Path, tasks: object) -> None:
     ],
 )
 def test_unknown_names_are_errors(tmp_path: Path, wrong: dict[str, str]) -> None:
-    with pytest.raises(RobotouilleError):
+    from inspect_ai._util.error import PrerequisiteError
+
+    with pytest.raises(RobotouilleError) as caught:
         task(tmp_path, **wrong)
+    # Inspect prints errors of this kind in a line, and others with a traceback.
+    assert isinstance(caught.value, PrerequisiteError)
+    assert caught.value.message and "\n" not in str(caught.value)
 
 
 def test_states_are_shown_and_not_sent(tmp_path: Path, evaluate: Evaluate) -> None:
