@@ -24,7 +24,7 @@ from robotouille.episode import (
 from robotouille.replay.container import MAGIC, pack_frame
 from robotouille.replay.recorder import HeaderDetails, Recorder, header
 from robotouille.replay.recording import Recording
-from robotouille.replay.restore import Restored, restore
+from robotouille.replay.restore import Restoration, Restored, restore
 from tests.support.games import outcome, random_choice
 from tests.support.thorough import thorough
 
@@ -120,6 +120,52 @@ def test_restored_episode_equals_the_original(clock: Clock) -> None:
         assert (one.seq, one.answer.reasons) == (two.seq, two.answer.reasons)
         assert not one.present
     assert ours.pauses.shown == (PauseReason.RESTART, 1010.0)
+
+
+def continued(first: bytes, whole: bytes, *, but_last: int = 2) -> Restored | None:
+    """Restore the beginning of a recording, then the rest, or return None if they differ."""
+    restoration = Restoration(Recording(first), 900.0)
+    for _ in restoration.replay(but_last=but_last):
+        pass
+    if not restoration.continue_with(Recording(whole)):
+        return None
+    for _ in restoration.replay():
+        pass
+    return restoration.finish(1000.0, 10.0)
+
+
+def facts(found: Restored) -> tuple[object, ...]:
+    """Return what is equal in two episodes that were restored from one recording."""
+    episode = found.episode
+    seats = [
+        (seat.name, seat.session, seat.generation, seat.seq, seat.present, seat.away)
+        for seat in map(episode.seat, WORLD.players)
+    ]
+    state = (episode.step, episode.state.digest, episode.on_turn, episode.step_began)
+    return (
+        found.kept,
+        found.missing,
+        found.complete,
+        found.said,
+        state,
+        seats,
+        episode.pauses.shown,
+    )
+
+
+@pytest.mark.parametrize("clock", list(Clock))
+def test_episode_is_restored_while_its_recording_grows(clock: Clock) -> None:
+    game = played(clock)
+    whole = facts(restored(game.bytes))
+    for cut in [len(game.begin), *(size for size, _ in game.marks[3::150]), len(game.bytes) - 3]:
+        found = continued(game.bytes[:cut], game.bytes)
+        assert found is not None
+        assert facts(found) == whole
+
+
+def test_recording_that_begins_differently_is_not_continued() -> None:
+    first, other = Game().play(20), Game().play(21, seed=1)
+    assert continued(first.bytes, other.bytes) is None
 
 
 @pytest.mark.slow

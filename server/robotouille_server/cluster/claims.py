@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from robotouille.errors import RecordingError, RobotouilleError
 from robotouille.replay.recorder import Recorder
 from robotouille.replay.recording import Recording
-from robotouille.replay.restore import Restored, restoring
+from robotouille.replay.restore import Restoration, Restored
 from robotouille.world.world import shared_world
 from robotouille_server.cluster.bus import Append, Bus, BusError, ConflictError, Stored
 from robotouille_server.cluster.closing import Closing
@@ -26,7 +26,9 @@ from robotouille_server.runtime.logs import get_logger
 
 CLAIMS_AT_A_TIME = 8
 MAX_PREPARED = 16
-"""Journals in memory that were read in advance."""
+"""Episodes in memory that were restored in advance."""
+HELD_BACK = 2
+"""Frames that are not restored in advance: the last step may lack its keyframe."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +47,14 @@ class Continuation:
     wall: Callable[[], float]
     now: Callable[[], float]
     patience: float
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """Journal that was read before its episode is handed over, and the episode until then."""
+
+    stored: list[Stored]
+    restoration: Restoration
 
 
 class Claims:
@@ -69,7 +79,7 @@ class Claims:
         self._closing = closing
         self._continuation = continuation
         self._under_way: set[str] = set()
-        self._read: dict[str, list[Stored]] = {}
+        self._prepared: dict[str, Prepared] = {}
         self._limit = asyncio.Semaphore(CLAIMS_AT_A_TIME)
         self._count = 0
 
@@ -77,11 +87,19 @@ class Claims:
         """Return whether an episode is being claimed."""
         return episode in self._under_way
 
-    async def prepare(self, episode: str) -> None:
-        """Read the journal of an episode that will be handed over soon, while it is played."""
-        self._read[episode] = await self._bus.read(episode)
-        while len(self._read) > MAX_PREPARED:
-            del self._read[next(iter(self._read))]
+    async def prepare(self, record: EpisodeRecord) -> None:
+        """Restore most of an episode that will be handed over soon, while it is played.
+
+        Raises:
+            RobotouilleError: That is not possible.
+        """
+        stored = await self._bus.read(record.episode)
+        recording = Recording(assembled(stored), record.file)
+        restoration = Restoration(recording, self._continuation.now(), shared_world)
+        await in_turns(restoration.replay(but_last=HELD_BACK))
+        self._prepared[record.episode] = Prepared(stored, restoration)
+        while len(self._prepared) > MAX_PREPARED:
+            del self._prepared[next(iter(self._prepared))]
 
     async def claim(self, record: EpisodeRecord) -> str:
         """Take an episode over; return why that was not possible, or an empty text."""
@@ -117,10 +135,11 @@ class Claims:
             # Its node has died after it had deleted the journal, or an operator has deleted it.
             await self._directory.remove(record)
             return "it has no journal"
-        stored = await self._fence(record, last.sequence)
+        prepared = self._prepared.pop(record.episode, None)
+        stored = await self._fence(record, last.sequence, prepared)
         content, sequence = assembled(stored), stored[-1].sequence
         try:
-            recording, restored = await self._restored(content, record)
+            recording, restored = await self._restored(content, record, prepared)
         except RecordingError:
             # Another node may have stored the whole recording, and be deleting the journal.
             if await self._has_changed(record):
@@ -151,7 +170,9 @@ class Claims:
         known = (record.node, record.claim, record.ended)
         return current is None or (current.node, current.claim, current.ended) != known
 
-    async def _restored(self, content: bytes, record: EpisodeRecord) -> tuple[Recording, Restored]:
+    async def _restored(
+        self, content: bytes, record: EpisodeRecord, prepared: Prepared | None
+    ) -> tuple[Recording, Restored]:
         recording = Recording(content, record.file)
         # Anybody who can write to the bucket chooses this name, and a file of that name would be
         # replaced or deleted.
@@ -159,14 +180,19 @@ class Claims:
             raise RecordingError(f"the journal is that of {file}, and not of {record.file!r}")
         if recording.header["episode"] != record.episode:
             raise RecordingError("the journal is that of another episode")
-        now, patience = self._continuation.now(), self._continuation.patience
-        work = restoring(recording, now, patience, shared_world)
         try:
-            return recording, await in_turns(work)
+            restoration = prepared.restoration if prepared is not None else None
+            if restoration is None or not restoration.continue_with(recording):
+                restoration = Restoration(recording, self._continuation.now(), shared_world)
+            await in_turns(restoration.replay())
+            now, patience = self._continuation.now(), self._continuation.patience
+            return recording, restoration.finish(now, patience)
         except RecordingError as error:
             raise RecordingError(f"the journal cannot be continued: {error}") from None
 
-    async def _fence(self, record: EpisodeRecord, last: int) -> list[Stored]:
+    async def _fence(
+        self, record: EpisodeRecord, last: int, prepared: Prepared | None
+    ) -> list[Stored]:
         """Take a journal over from its former owner, and return its messages.
 
         NATS compares the expected sequence number when a message arrives, but not when it stores
@@ -179,8 +205,8 @@ class Claims:
         """
         claim = await self._append(record, last)
         fence = await self._append(record, claim)
-        stored = self._read.pop(record.episode, [])
-        stored += await self._bus.read(record.episode, stored[-1].sequence if stored else 0)
+        known = prepared.stored if prepared is not None else []
+        stored = known + await self._bus.read(record.episode, known[-1].sequence if known else 0)
         if [message.sequence for message in stored[-2:]] != [claim, fence]:
             raise ConflictError("another node has written to the journal")
         return stored

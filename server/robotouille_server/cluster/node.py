@@ -497,9 +497,11 @@ class ClusterNode:
 
     async def _prepare(self, episode: str, data: bytes) -> bytes:
         """Get ready for an episode that another node is about to hand over."""
+        record = self.directory.find(episode)
         try:
-            await self.claims.prepare(episode)
-        except BusError as error:
+            if record is not None:
+                await self.claims.prepare(record)
+        except RobotouilleError as error:
             return str(error).encode()
         return b""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import takewhile
@@ -366,16 +366,21 @@ class Recording:
         """Return the bytes of the recording, written again from its header, actions and notes."""
         return b"".join(written for _, _, written in self.resimulated_frames())
 
-    def resimulated_frames(self) -> Iterator[tuple[dict[str, Any], State, bytes]]:
+    def resimulated_frames(
+        self, frames: Iterable[dict[str, Any]] | None = None
+    ) -> Iterator[tuple[dict[str, Any], State, bytes]]:
         """Yield each frame, the state after it by re-simulation, and its bytes as written again.
 
         The bytes of a step include the keyframe after it, so those of a keyframe are empty.
+
+        Args:
+            frames: The frames, if the caller has decoded them already.
 
         Raises:
             RecordingError: The task has no such action.
         """
         writer, state = StateWriter(self.world), self.world.initial
-        for number, frame in enumerate(self.each_frame()):
+        for number, frame in enumerate(self.each_frame() if frames is None else frames):
             written = b""
             if not number:
                 head = pack_frame({**frame, "tables": writer.tables(state)})
@@ -405,6 +410,14 @@ class Comparison:
         self.missing = b""
         self._recording = recording
         self._position = 0
+
+    def continue_with(self, longer: Recording) -> bool:
+        """Go on with a recording that has more frames; return False if it begins differently.
+
+        Call this while nothing is `missing`.
+        """
+        begin, self._recording = self._recording.stream[: self._position], longer
+        return longer.stream.startswith(begin)
 
     def add(self, written: bytes) -> None:
         """Compare the next re-simulated bytes."""

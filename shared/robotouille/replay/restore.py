@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections import deque
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 from pydantic import ValidationError
@@ -87,33 +89,85 @@ def restoring(
     world_of: Callable[[Task], World] = World,
 ) -> Generator[None, None, Restored]:
     """Do `restore` frame by frame, so that a server can do other work in between."""
-    recording.world = world_of(recording.task)
-    comparison = Comparison(recording)
-    treatments = _treatments(recording)
-    episode = Episode(recording.world, _rules(recording), now, treatments=treatments)
-    # Verified and restored in one pass, so that every frame is decoded and re-simulated once.
-    replayer = _Replayer(episode.record)
-    for frame, _, written in recording.resimulated_frames():
-        comparison.add(written)
-        if not comparison.same:
+    restoration = Restoration(recording, now, world_of)
+    yield from restoration.replay()
+    return restoration.finish(now, patience)
+
+
+class Restoration:
+    """Recovery of an episode in parts, also from a recording that still grows.
+
+    The frames are verified and restored in one pass, so that each is decoded and re-simulated once.
+
+    Raises:
+        RecordingError: The recording has invalid rules.
+    """
+
+    def __init__(
+        self, recording: Recording, now: float, world_of: Callable[[Task], World] = World
+    ) -> None:
+        recording.world = world_of(recording.task)
+        self._recording = recording
+        self._comparison = Comparison(recording)
+        treatments = _treatments(recording)
+        self._episode = Episode(recording.world, _rules(recording), now, treatments=treatments)
+        self._replayer = _Replayer(self._episode.record)
+        # The re-simulation never asks for a frame that is not there yet.
+        self._frames = deque[dict[str, Any]]()
+        self._resimulated = recording.resimulated_frames(_taken_from(self._frames))
+        self._done = 0
+
+    def replay(self, *, but_last: int = 0) -> Generator[None, None, None]:
+        """Replay the next frames, except the last ones.
+
+        Raises:
+            RecordingError: The recording does not re-simulate.
+        """
+        recording = self._recording
+        for frame in islice(recording.each_frame(), self._done, max(0, recording.count - but_last)):
+            self._frames.append(frame)
+            _, _, written = next(self._resimulated)
+            self._comparison.add(written)
+            if not self._comparison.same:
+                raise _DifferentError(f"{recording.source}: does not re-simulate")
+            self._replayer.frame(recording, frame)
+            self._done += 1
+            yield
+
+    def continue_with(self, longer: Recording) -> bool:
+        """Go on with a recording that has more frames; return False if it begins differently."""
+        longer.world = self._recording.world
+        self._recording = longer
+        return not self._comparison.missing and self._comparison.continue_with(longer)
+
+    def finish(self, now: float, patience: float) -> Restored:
+        """Return the episode. It waits for its participants for `patience` seconds.
+
+        Raises:
+            RecordingError: The recording does not re-simulate.
+        """
+        recording, episode, replayer = self._recording, self._episode, self._replayer
+        if not self._comparison.reaches_the_end:
             raise _DifferentError(f"{recording.source}: does not re-simulate")
-        replayer.frame(recording, frame)
-        yield
-    if not comparison.reaches_the_end:
-        raise _DifferentError(f"{recording.source}: does not re-simulate")
-    outcome = recording.outcome
-    if outcome is not None:
-        episode.restore_ended(_outcome(recording, outcome))
-    else:
-        episode.resume_after_restart(
-            now,
-            elapsed=replayer.milliseconds / 1000,
-            patience=patience,
-            expected=replayer.expected,
-            paused=PauseReason.OPERATOR in replayer.pauses,
-        )
-    missing, said = comparison.missing, tuple(replayer.said)
-    return Restored(episode, recording.whole, missing, said, outcome is not None)
+        outcome = recording.outcome
+        if outcome is not None:
+            episode.restore_ended(_outcome(recording, outcome))
+        else:
+            episode.step_began = now
+            episode.resume_after_restart(
+                now,
+                elapsed=replayer.milliseconds / 1000,
+                patience=patience,
+                expected=replayer.expected,
+                paused=PauseReason.OPERATOR in replayer.pauses,
+            )
+        missing, said = self._comparison.missing, tuple(replayer.said)
+        return Restored(episode, recording.whole, missing, said, outcome is not None)
+
+
+def _taken_from(frames: deque[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    while frames:
+        yield frames.popleft()
 
 
 def _outcome(recording: Recording, row: dict[str, Any]) -> Outcome:
