@@ -8,6 +8,7 @@ import re
 import runpy
 from typing import Any
 
+import numpy as np
 import pytest
 
 from robotouille import World
@@ -51,6 +52,26 @@ def test_a_policy_learns_from_recordings() -> None:
     recordings = [imitation["record"](planner, seed) for seed in range(25)]
     assert all(recording.verify().ok for recording in recordings[:3])
     assert imitation["play"](imitation["imitate"](recordings), "synchronous/01") == (True, 8)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(importlib.util.find_spec("sb3_contrib") is None, reason="needs sb3-contrib")
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.process
+def test_stable_baselines_trains_on_copies() -> None:
+    names = example("vec_env")
+    envs = names["KitchenVecEnv"]("synchronous/01", 3, seed=1, max_steps=2)
+    seen = envs.reset()
+    assert seen in envs.envs.observation_space
+    for _ in range(2):
+        masks = np.stack(envs.env_method("action_masks"))
+        _, rewards, dones, infos = envs.step(masks.argmax(axis=1))
+    assert dones.all() and rewards.shape == (3,)
+    assert (
+        infos[0]["TimeLimit.truncated"]
+        and infos[0]["terminal_observation"] in envs.envs.single_observation_space
+    )
+    assert names["learn"]("synchronous/01", 512, copies=8).num_timesteps == 512
 
 
 @pytest.mark.nightly

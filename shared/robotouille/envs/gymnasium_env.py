@@ -146,8 +146,8 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
 
     def _masks(self) -> tuple[Mask, ...]:
         """Return the valid actions of each player, as far as the agent sees."""
-        seen = self._play.seen.masks
-        return seen if self._seat is None else (self._observer.mask(self._play, self._seat),)
+        play = self._play
+        return play.seen.masks if self._seat is None else self._observer.masks(play)
 
     def _info(self, valid: bool) -> dict[str, Any]:
         masks = self._masks()

@@ -50,9 +50,14 @@ class Observer:
         self._goal = rules.goal
         self._tokens = rules.tokens
         self._sight = rules.sight
-        self._last: tuple[State, int, Seen] | None = None
+        self._last_state: State | None = None
+        self._last_seen: dict[int, Seen] = {}
         counts = [len(view.world.encoding.objects) for view in views] if rules.sight else [0]
         self._objects = max(counts)
+        self._limited = self._sight is not None or perspective is Perspective.EGOCENTRIC
+        self._extended = self._sight is not None or self._goal or self._tokens > 0
+        changed = self._limited or self._extended or perspective is Perspective.IDENTITY
+        self._plain = self.kind is EnvObservation.VECTOR and not changed
         self._sizes = views[0].sizes
         self._players = largest_team(views)
         self._terms = max(len(view.world.goal.terms) for view in views) if rules.goal else 0
@@ -109,6 +114,22 @@ class Observer:
         nodes = spaces.Box(-1.0, high, (len(self.features),), np.float32)
         return spaces.Graph(nodes, spaces.Box(-1.0, high, (1 + encoding.counters,), np.float32))
 
+    def observe_all(self, play: Play, said: Said) -> list[Any]:
+        """Return the observation of each player's agent, in seat order."""
+        seats = range(len(play.players))
+        identity = self._perspective is Perspective.IDENTITY
+        if self.kind is EnvObservation.VECTOR and identity and not self._extended:
+            # One array for all agents takes less time than one for each.
+            vectors = np.empty((len(seats), self._length), dtype=np.float32)
+            vectors[:, : self._state_size] = play.seen.vector
+            vectors[:, self._state_size :] = self._identities[: len(seats)]
+            return list(vectors)
+        return [self.observe(play, seat, said) for seat in seats]
+
+    @cached_property
+    def _identities(self) -> Vector:
+        return np.eye(len(self._players), dtype=np.float32)
+
     def observe(self, play: Play, seat: int | None = None, said: Said = ()) -> Any:
         """Return an observation of a game's state, as an object of its own.
 
@@ -116,6 +137,9 @@ class Observer:
             seat: Seat of the agent, or None for an agent that controls all players.
             said: The players' messages, if there are any.
         """
+        # A step of the world or the engine takes some microseconds, so the usual case is short.
+        if self._plain:
+            return play.seen.vector.copy()
         if self.kind is EnvObservation.VECTOR:
             return self._vector(play, seat, said)
         players = play.players if seat is None else play.players[seat : seat + 1]
@@ -124,21 +148,28 @@ class Observer:
             return "\n\n".join([*texts, *self._heard(play, said)])
         return self._graph(play, seat, said)
 
-    def mask(self, play: Play, seat: int) -> Mask:
-        """Return an agent's valid actions, as far as it sees; callers must not change them."""
-        mask = play.seen.masks[seat]
-        if self._sight is None:
-            return mask
+    def masks(self, play: Play) -> tuple[Mask, ...]:
+        """Return each player's valid actions, for all that it sees. Do not change them."""
+        masks, sight = play.seen.masks, self._sight
+        if sight is None:
+            return masks
+        return tuple(self._seeming(play, seat, sight, mask) for seat, mask in enumerate(masks))
+
+    def _seeming(self, play: Play, seat: int, sight: Sight, mask: Mask) -> Mask:
+        """Return the actions that are valid for all that an agent sees."""
         player, found = play.players[seat], np.zeros_like(mask)
-        valid = self._seen(play, seat, self._sight).actions
+        valid = self._seen(play, seat, sight).actions
         found[[play.state.action_number(action, player) for action in valid]] = 1
         return found
 
     def _seen(self, play: Play, seat: int, sight: Sight) -> Seen:
         # An agent's mask and observation are of the same state.
-        if self._last is None or self._last[0] is not play.state or self._last[1] != seat:
-            self._last = play.state, seat, seen_by(play.state, play.players[seat], sight)
-        return self._last[2]
+        if self._last_state is not play.state:
+            self._last_state = play.state
+            self._last_seen.clear()
+        if seat not in self._last_seen:
+            self._last_seen[seat] = seen_by(play.state, play.players[seat], sight)
+        return self._last_seen[seat]
 
     def _visible(self, play: Play, seat: int | None) -> State:
         """Return the state, or the part of it that an agent sees."""
@@ -176,32 +207,60 @@ class Observer:
         return np.array([[token == i for i in self._messages] for token in said], np.float32)
 
     def _vector(self, play: Play, seat: int | None, said: Said) -> Vector:
+        state = self._state(play, seat) if self._limited else play.seen.vector
+        vector, size = np.zeros(self._length, dtype=np.float32), self._state_size
+        vector[:size] = state
+        if seat is not None and self._perspective is Perspective.IDENTITY:
+            vector[size + seat] = 1
+        if self._extended:
+            more = *self._flags(play, seat), *self._progress(play, seat), *self._signals(seat, said)
+            parts = np.concatenate(more)
+            vector[-len(parts) :] = parts
+        return vector
+
+    @cached_property
+    def _length(self) -> int:
+        return len(self.columns)
+
+    def _state(self, play: Play, seat: int | None) -> Vector:
+        """Return the part of the state that an agent sees, from its perspective."""
         state = play.seen.vector
         if self._sight is not None:
             vector = self._visible(play, seat).vector()
             state = np.pad(vector, (0, self._sizes.vector - len(vector)))
         if self._perspective is Perspective.EGOCENTRIC and seat is not None:
             state = np.append(state, np.float32(0))[self._places_of(play.view)[seat]]
-        parts = [state]
-        if self._perspective is Perspective.IDENTITY:
-            parts.append(np.arange(len(self._players), dtype=np.float32) == seat)
-        if self._sight is not None and seat is not None:
-            seen = self._in_sight(play, seat, self._sight)
-            if self._perspective is Perspective.EGOCENTRIC:
-                order = _order(play)
-                seen[order] = [*seen[order[seat:]], *seen[order[:seat]]]
-            parts.append(seen)
-        if self._goal:
-            visible = self._visible(play, seat)
-            holding = [holds for _, holds in visible.world.goal_terms(visible)]
-            parts.append(np.array(holding + [False] * (self._terms - len(holding)), np.float32))
-        if self._tokens:
-            if self._perspective is Perspective.EGOCENTRIC and seat is not None:
-                said = [*said[seat:], *said[:seat]]
-            spoken = np.zeros((len(self._players), self._tokens), dtype=np.float32)
-            spoken[: len(said)] = self._spoken(said)
-            parts.append(spoken.ravel())
-        return np.concatenate(parts, dtype=np.float32) if len(parts) > 1 else state.copy()
+        return state
+
+    def _flags(self, play: Play, seat: int | None) -> list[Vector]:
+        """Return the objects in sight, if sight is limited."""
+        if self._sight is None or seat is None:
+            return []
+        seen = self._in_sight(play, seat, self._sight)
+        if self._perspective is Perspective.EGOCENTRIC:
+            order = _order(play)
+            seen[order] = [*seen[order[seat:]], *seen[order[:seat]]]
+        return [seen]
+
+    def _progress(self, play: Play, seat: int | None) -> list[Vector]:
+        """Return which conditions of the goal hold, if that is observed."""
+        if not self._goal:
+            return []
+        visible = self._visible(play, seat)
+        progress = np.zeros(self._terms, dtype=np.float32)
+        holding = [holds for _, holds in visible.world.goal_terms(visible)]
+        progress[: len(holding)] = holding
+        return [progress]
+
+    def _signals(self, seat: int | None, said: Said) -> list[Vector]:
+        """Return the messages of all players, if agents can send some."""
+        if not self._tokens:
+            return []
+        if self._perspective is Perspective.EGOCENTRIC and seat is not None:
+            said = [*said[seat:], *said[:seat]]
+        spoken = np.zeros((len(self._players), self._tokens), dtype=np.float32)
+        spoken[: len(said)] = self._spoken(said)
+        return [spoken.ravel()]
 
     def _places_of(self, view: ObservationView) -> tuple[Places, ...]:
         """Return, for each seat, the places in a padded vector of an agent's own columns."""

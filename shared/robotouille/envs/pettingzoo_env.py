@@ -110,7 +110,7 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
 
     def action_mask(self, agent: str) -> Mask:
         """Return an agent's valid actions, as far as it sees."""
-        return self._observer.mask(self._play, self._seat[agent]).copy()
+        return self._observer.masks(self._play)[self._seat[agent]].copy()
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
@@ -176,21 +176,20 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
         return [action for action, _ in pairs], [int(message) for _, message in pairs]
 
     def _observations(self) -> dict[str, Any]:
-        return {
-            player: self._observer.observe(self._play, self._seat[player], self._said)
-            for player in self.agents
-        }
+        observations = self._observer.observe_all(self._play, self._said)
+        return dict(zip(self.agents, observations, strict=True))
 
     def _infos(self, valid: Sequence[bool]) -> dict[str, dict[str, Any]]:
-        masks = (self._observer.mask(self._play, seat) for seat in range(len(self.agents)))
-        any_message = np.ones(self._tokens + 1, dtype=np.int8)
-        return {
-            player: {
-                "action_mask": (mask.copy(), any_message.copy()) if self._tokens else mask.copy(),
-                "valid": fine,
-            }
+        masks = self._observer.masks(self._play)
+        infos: dict[str, dict[str, Any]] = {
+            player: {"action_mask": mask.copy(), "valid": fine}
             for player, mask, fine in zip(self.agents, masks, valid, strict=True)
         }
+        if self._tokens:
+            for info in infos.values():
+                messages = np.ones(self._tokens + 1, dtype=np.int8)
+                info["action_mask"] = info["action_mask"], messages
+        return infos
 
     def render(self) -> Any:
         """Return the state as text or as a picture, depending on `render_mode`.
