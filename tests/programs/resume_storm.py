@@ -95,7 +95,8 @@ class ResumeStorm:
         end = time.monotonic() + BURST_SECONDS
         while waiting and time.monotonic() < end:
             # `select` has no room for more than 1,024 descriptors, which is enough.
-            ready = select.select([each.socket for each in waiting], [], [], 0.05)[0]
+            sockets = [each.socket for each in waiting if each.socket is not None]
+            ready = select.select(sockets, [], [], 0.05)[0]
             waiting = [each for each in waiting if each.socket not in ready or not each.read()]
         for spectator in self._spectators:
             spectator.vanish()
