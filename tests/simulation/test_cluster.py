@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import asyncio
+import gc
+import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Coroutine, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import pytest
 
 from robotouille.episode import Event, Stepped
-from robotouille_server.cluster.bus import BusError, ConflictError, Stored
+from robotouille_server.cluster.bus import BusError, ConflictError, Stored, UnavailableError
 from robotouille_server.cluster.directory import Directory
 from robotouille_server.cluster.journal import ReplicatedJournal
 from robotouille_server.cluster.members import Members, _Member
 from tests.programs.simulation.cluster import run_cluster_seed
 from tests.programs.simulation.simulation import Report
+from tests.support.buses import SimulatedNats
 from tests.support.samples import quick_sample
+from tests.support.virtual_time import virtual
 
 Plant = Callable[[pytest.MonkeyPatch], None]
 BLOCK = 5
@@ -50,6 +55,33 @@ def test_seed_gives_the_same_course_again() -> None:
 def test_node_that_leaves_after_a_suspension_hands_over_nothing_that_others_have() -> None:
     report = run_cluster_seed(900_321)
     assert report.ok, failure_text(report)
+
+
+@virtual
+async def test_node_that_dies_when_a_request_arrives_begins_no_answer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    nats, begun = SimulatedNats(), list[str]()
+    start = nats.loop.create_task
+
+    async def answer(word: str, data: bytes) -> bytes:
+        begun.append(word)
+        return b""
+
+    def start_and_die(work: Coroutine[Any, Any, Any], **options: Any) -> asyncio.Task[Any]:
+        task = start(work, **options)
+        task.cancel()
+        return task
+
+    await nats.bus("n1").answer("adopt.n1", answer)
+    with warnings.catch_warnings(record=True) as warned, monkeypatch.context() as patch:
+        warnings.simplefilter("always")
+        patch.setattr(nats.loop, "create_task", start_and_die)
+        with pytest.raises(UnavailableError):
+            await nats.bus("n2").request("adopt.n1.e1", b"", 1.0)
+        gc.collect()
+    assert not begun
+    assert not [str(each.message) for each in warned], "a coroutine was never awaited"
 
 
 # Faults that the simulation finds
