@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import json
+import tarfile
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,7 @@ import pytest
 
 from robotouille_client import Announced, Client, Game, GameEnded, connect
 from robotouille_server.auth.revocation import REVOKED_FILE, revoke
-from robotouille_server.cluster.bus import Entry
+from robotouille_server.cluster.bus import Bucket, Entry
 from robotouille_server.operator import operator_view
 from tests.support.clusters import Node, Nodes, cluster_of
 from tests.support.operator import Api, audited, bearer
@@ -278,6 +280,50 @@ class TestEpisodes:
                 answer = await asked.http.get(path)
                 assert (answer.status_code, answer.json()["code"]) == (502, "node/size")
                 assert str(at.apis[owner].http.base_url) in answer.json()["message"]
+
+    @virtual
+    async def test_any_node_lists_and_sends_the_recordings_of_all(self, tmp_path: Path) -> None:
+        async with lab(tmp_path) as at:
+            asked = at.asked
+            await asked.post(
+                "/api/episodes", count=5, create={"task": TASK, "labels": {"a": "b"}}
+            )
+            for room in [room for node in at.nodes for room in node.server.lobby.rooms.values()]:
+                room.abort("late")
+            await asyncio.sleep(2)  # The recordings are stored.
+            storage = at.nodes.nats.storage
+            for code in storage.values(Bucket.EPISODES):  # As some time later.
+                storage.set(Bucket.EPISODES, code, None)
+            places = {file.name: node for node in at.nodes for file in node.folder.glob("*.rbt")}
+            assert len({node.url for node in places.values()}) == 3
+            names = sorted(places, reverse=True)
+            content = {name: (places[name].folder / name).read_bytes() for name in names}
+            for node, api in zip(at.nodes, at.apis, strict=True):
+                page = await api.get("/api/recordings")
+                rows = {row["name"]: row["node"] for row in page["recordings"]}
+                elsewhere = {name: where.url for name, where in places.items() if where is not node}
+                assert (list(rows), page["found"]) == (names, 6)
+                assert {name: url for name, url in rows.items() if url} == elsewhere
+                page = await api.get("/api/recordings", params={"limit": 2, "offset": 3})
+                assert [row["name"] for row in page["recordings"]] == names[3:5]
+                for name in names:
+                    assert (await api.http.get(f"/api/recordings/{name}")).content == content[name]
+                archive = BytesIO((await api.http.get("/api/archive")).content)
+                with tarfile.open(fileobj=archive) as tar:
+                    files = {each.name: tar.extractfile(each) for each in tar}
+                    assert {name: file.read() for name, file in files.items() if file} == content
+            answer = await asked.http.get("/api/recordings", params={"offset": 1000})
+            assert answer.json()["message"].endswith("search for fewer")
+
+    @virtual
+    async def test_recordings_of_a_silent_node_are_left_out(self, tmp_path: Path) -> None:
+        async with lab(tmp_path) as at:
+            asked, owner = at.asked, at.nodes[at.owner]
+            await asked.do(f"{at.path}/end")
+            await asyncio.sleep(2)  # The recording is stored.
+            assert (await asked.get("/api/recordings"))["found"] == 1
+            owner.bus.cut()
+            assert (await asked.get("/api/recordings"))["found"] == 0
 
     @virtual
     async def test_a_silent_node_is_an_error_within_seconds(self, tmp_path: Path) -> None:

@@ -261,6 +261,7 @@ class RecordingRow(ResponseModel):
     outcome: str = Field(description="`goal` … `aborted`, `live`, `unfinished` or `unreadable`.")
     steps: int | None
     episode: str | None = Field(description="Episode that still writes it, or null.")
+    node: str = Field("", description="Address of another node of the cluster that has the file.")
 
 
 class RecordingPage(ResponseModel):

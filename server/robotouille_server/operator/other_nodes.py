@@ -32,6 +32,8 @@ from robotouille_server.operator.models import (
     NodeOverview,
     NodeRow,
     Overview,
+    RecordingPage,
+    RecordingRow,
 )
 from robotouille_server.operator.principal import Principal, RequestRefusedError
 
@@ -39,6 +41,8 @@ OVERVIEW_SECONDS = 0.5
 """Seconds after which each of two questions to all nodes is complete without the silent ones."""
 MAX_UNDER_WAY = 128
 """Requests to other nodes at a time."""
+MAX_ROWS = 200
+"""Rows of a page of recordings."""
 BUSY_SECONDS = 1
 NODE_PATH = "/api/node"
 """Path at which a node answers with its own part of the overview."""
@@ -177,6 +181,54 @@ class OtherNodes:
         return [
             node.url for node, one in zip(others, done, strict=True) if not isinstance(one, Done)
         ]
+
+    # Recordings
+
+    async def recordings(
+        self, principal: Principal, search: str, count: int
+    ) -> list[tuple[NodeReport, RecordingPage]]:
+        """Return the newest recordings of all other nodes that answer."""
+        nodes = self._node.members.alive()[1:]
+        pages = await asyncio.gather(
+            *(self._recordings_of(node, principal, search, count) for node in nodes),
+            return_exceptions=True,
+        )
+        return [
+            (node, page)
+            for node, page in zip(nodes, pages, strict=True)
+            if isinstance(page, RecordingPage)
+        ]
+
+    async def _recordings_of(
+        self, node: NodeReport, principal: Principal, search: str, count: int
+    ) -> RecordingPage:
+        found, rows = 1, list[RecordingRow]()
+        while len(rows) < min(count, found):
+            limit = min(count - len(rows), MAX_ROWS)
+            query = urlencode({"search": search, "limit": limit, "offset": len(rows)})
+            request = NodeRequest("GET", "/api/recordings", query)
+            answer = await self.ask(node, principal, request)
+            try:
+                page = RecordingPage.model_validate_json(answer.checked())
+            except ValidationError:
+                raise unreadable() from None
+            found = page.found if page.recordings else 0
+            rows += [row.model_copy(update={"node": node.url}) for row in page.recordings]
+        return RecordingPage(found=max(found, len(rows)), recordings=rows)
+
+    async def node_with_recording(self, principal: Principal, name: str) -> NodeReport | None:
+        """Return the other node that has a recording."""
+        if (node := self.place_of_recording(name)) is not None:
+            return node
+        for other, page in await self.recordings(principal, name, 1):
+            if any(row.name == name for row in page.recordings):
+                return other
+        return None
+
+    async def recording(self, node: NodeReport, principal: Principal, name: str) -> bytes:
+        """Return a recording of another node; raise RequestRefusedError if that is not possible."""
+        request = NodeRequest("GET", f"/api/recordings/{quote(name, safe='')}")
+        return (await self.ask(node, principal, request)).checked()
 
     # Overview
 

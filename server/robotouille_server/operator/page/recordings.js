@@ -3,6 +3,7 @@
 import { download } from "./api.js";
 import { attempt } from "./dialogs.js";
 import { labelRows } from "./episodes.js";
+import { nodeName } from "./nodes.js";
 import { Rows, bytes, h, icon, number, setAttribute, setText, taskTitle } from "./dom.js";
 
 const WORDS = {
@@ -44,7 +45,8 @@ function recording(row, ticked) {
       setText(code, next.code);
       code.hidden = !next.code;
       setText(title, task.title);
-      setText(name, [when(next.created), task.set].filter(Boolean).join(" · "));
+      const node = next.node && `on ${nodeName(next.node)}`;
+      setText(name, [when(next.created), task.set, node].filter(Boolean).join(" · "));
       setText(players, next.players.join(", "));
       shownLabels.update(Object.entries(next.labels));
       setAttribute(title, "title", next.name);

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
 import copy
-from collections.abc import AsyncIterator, Collection, Sequence
+from collections.abc import AsyncIterator, Collection, Mapping
 from http import HTTPStatus
+from io import BytesIO
 from typing import BinaryIO
 
 from robotouille.episode import Phase
 from robotouille.replay.file_names import CLOSED
 from robotouille_server.app import Server
+from robotouille_server.cluster.members import NodeReport
 from robotouille_server.operator.forwarding import MAX_ANSWER_BYTES, too_large
 from robotouille_server.operator.load import HeavyJobs, Turns
-from robotouille_server.operator.models import RecordingPage
+from robotouille_server.operator.models import RecordingPage, RecordingRow
 from robotouille_server.operator.other_nodes import EpisodeElsewhereError, OtherNodes
 from robotouille_server.operator.principal import Principal, RequestRefusedError, note
 from robotouille_server.operator.recordings.archive import MAX_ARCHIVED, archive
@@ -24,6 +27,9 @@ from robotouille_server.operator.recordings.store import (
     unknown_recording,
 )
 from robotouille_server.operator.rows import recording_name, rooms_of
+
+MAX_MERGED = 1000
+"""Newest recordings that are listed in a cluster. The nodes send all rows before a page."""
 
 
 class StoredRecordings:
@@ -52,7 +58,28 @@ class StoredRecordings:
         return recordings
 
     async def page(self, search: str, limit: int, offset: int) -> RecordingPage:
-        """Return a page of the list of recordings, newest first."""
+        """Return a page of the list of recordings, newest first, of all nodes of a cluster.
+
+        Raises:
+            RequestRefusedError: The page is too far from the newest recordings of a cluster.
+        """
+        if self._others is None or self._principal.via:
+            return await self._own_page(search, limit, offset)
+        if offset + limit > MAX_MERGED:
+            message = f"a cluster lists the {MAX_MERGED} newest recordings; search for fewer"
+            status = HTTPStatus.BAD_REQUEST
+            raise RequestRefusedError(status, "request/invalid", message, field="offset")
+        own, others = await asyncio.gather(
+            self._own_page(search, offset + limit, 0),
+            self._others.recordings(self._principal, search, offset + limit),
+        )
+        pages = [own, *(page for _, page in others)]
+        rows = sorted((row for page in pages for row in page.recordings), key=_by_name)[::-1]
+        return RecordingPage(
+            found=sum(page.found for page in pages), recordings=rows[offset : offset + limit]
+        )
+
+    async def _own_page(self, search: str, limit: int, offset: int) -> RecordingPage:
         live = {
             recording_name(room): room.id
             for room in rooms_of(self._server.lobby, self._principal)
@@ -65,8 +92,8 @@ class StoredRecordings:
         """Return the end of the names that the principal may see, or "" for all."""
         return self.only_file() if self._principal.only_episode else ""
 
-    async def archived(self, names: Collection[str], search: str) -> list[str]:
-        """Return the names of the recordings in an archive.
+    async def archived(self, names: Collection[str], search: str) -> dict[str, NodeReport | None]:
+        """Return the recordings in an archive, newest first, each with its node if it is another.
 
         Args:
             names: The wanted recordings; empty for all that a search finds.
@@ -75,11 +102,15 @@ class StoredRecordings:
         Raises:
             RequestRefusedError: A name is unknown, or there are too many recordings.
         """
-        found = await self._jobs.run(self._store.found, search, self._only())
+        own = await self._jobs.run(self._store.found, search, self._only())
+        found: dict[str, NodeReport | None] = dict.fromkeys(own)
+        if self._others is not None and not self._principal.via:
+            pages = await self._others.recordings(self._principal, search, MAX_MERGED)
+            found |= {row.name: node for node, page in pages for row in page.recordings}
         wanted = set(names)
         if unknown := wanted.difference(found):
             raise unknown_recording(min(unknown))
-        chosen = [name for name in found if not wanted or name in wanted]
+        chosen = [name for name in sorted(found, reverse=True) if not wanted or name in wanted]
         if len(chosen) > MAX_ARCHIVED:
             message = (
                 f"{len(chosen)} recordings match, and an archive holds {MAX_ARCHIVED}; "
@@ -87,16 +118,24 @@ class StoredRecordings:
             )
             status = HTTPStatus.BAD_REQUEST
             raise RequestRefusedError(status, "request/invalid", message, field="search")
-        return chosen
+        return {name: found[name] for name in chosen}
 
-    def archive(self, names: Sequence[str]) -> AsyncIterator[bytes]:
+    def archive(self, names: Mapping[str, NodeReport | None]) -> AsyncIterator[bytes]:
         """Return a tar file of recordings, each up to its last complete frame."""
         self._note("archive", count=str(len(names)))
-        return archive(names, self._opened_again, self._server.wall())
+
+        async def opened(name: str) -> tuple[BinaryIO, int]:
+            await self._turns.next()
+            node = names[name]
+            if node is None or self._others is None:
+                return await self._opened_again(name)
+            content = await self._others.recording(node, self._principal, name)
+            return BytesIO(content), len(content)
+
+        return archive(list(names), opened, self._server.wall())
 
     async def _opened_again(self, name: str) -> tuple[BinaryIO, int]:
         """Open a recording, also if its episode has ended since it was listed."""
-        await self._turns.next()
         try:
             return await self._jobs.run(self._store.opened, name, self._live_size(name))
         except RequestRefusedError:
@@ -129,8 +168,10 @@ class StoredRecordings:
         try:
             return await self._jobs.run(self._store.opened, name, self._live_size(name))
         except RequestRefusedError as refused:
-            node = self._others.place_of_recording(name) if self._others is not None else None
-            if refused.code != "recording/unknown" or node is None or self._principal.via:
+            if refused.code != "recording/unknown" or self._others is None or self._principal.via:
+                raise
+            node = await self._others.node_with_recording(self._principal, name)
+            if node is None:
                 raise
             raise EpisodeElsewhereError(node, name) from None
 
@@ -150,3 +191,7 @@ class StoredRecordings:
 
     def _note(self, what: str, **details: str) -> None:
         note(self._server.audit, self._principal, what, **details)
+
+
+def _by_name(row: RecordingRow) -> str:
+    return row.name
