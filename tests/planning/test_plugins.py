@@ -106,7 +106,7 @@ def test_general_planners_plan_without_plugins(monkeypatch: pytest.MonkeyPatch) 
 
 def test_built_in_plugin_comes_first(install: Install) -> None:
     install("workshop_planner:WORKSHOP", WORKSHOP_PLANNER)
-    assert solve(World("synchronous/01")).planner == "kitchen A* 1"
+    assert solve(World("synchronous/01")).planner == "kitchen A* 2"
 
 
 @pytest.mark.parametrize(

@@ -92,11 +92,11 @@ class ExpansionBudget(Schema):
         return Limits(self.expansions, self.states, stop)
 
     def for_seats(self, seats: int) -> ExpansionBudget:
-        """Return the budget for a team: each further player divides the expansions by 50."""
+        """Return the budget for a team: each further player divides the expansions by 20."""
         if self.expansions is None:
             return self
         # A step of a team has many more successors, so each expansion takes longer.
-        spread: int = 50 ** (seats - 1)
+        spread: int = 20 ** (seats - 1)
         return self.model_copy(update={"expansions": -(-self.expansions // spread)})
 
     @classmethod

@@ -153,8 +153,8 @@ def check_heuristic(state: State, distance: int | None) -> bool:
 
 def least_heuristic(search: KitchenSearch) -> int:
     """Return the least heuristic of all goal assignments at a search's start."""
-    scratch = record(new_scratch())
-    found = [heuristic(search.model.record, goal, search.compact, scratch) for goal in search.goals]
+    kitchen, start, scratch = search.model.record, search.compact, record(new_scratch())
+    found = [heuristic(kitchen, goal, start, scratch, 0) for goal in search.goals]
     return min(found, default=1 << 30)
 
 

@@ -17,10 +17,10 @@ happens, and in each of its three steps the player deals with this item only.
 
 from __future__ import annotations
 
-from robotouille.planning.kitchen.compact_state import NONE, CompactState, GoalSpec, Kitchen
+from robotouille.planning.kitchen.compact_state import NONE, POT, CompactState, GoalSpec, Kitchen
 from robotouille.planning.kitchen.kernels import kernel
 from robotouille.planning.kitchen.scratch import Scratch, walk_before_put, walk_to
-from robotouille.planning.kitchen.transitions import is_done
+from robotouille.planning.kitchen.transitions import is_done, place_of_object
 
 IMPOSSIBLE = -1
 
@@ -54,7 +54,7 @@ def add_item_work(
     scratch.work[o] += 3 * deliveries
     if is_held:
         # A held item needs no pick-up, and perhaps no walk.
-        saved = 2 - walk_before_put(kitchen, state) if deliveries else 0
+        saved = 2 - walk_with_item(kitchen, goal, state, o, scratch) if deliveries else 0
         scratch.work[o] -= saved
         scratch.chain[o] -= saved
         return True
@@ -67,6 +67,37 @@ def add_item_work(
         scratch.work[o] += walk
         scratch.chain[o] += walk
     return True
+
+
+@kernel
+def walk_with_item(
+    kitchen: Kitchen, goal: GoalSpec, state: CompactState, o: int, scratch: Scratch
+) -> int:
+    """Return 1 if a held item has to be carried elsewhere before its next delivery ends, else 0."""
+    if kitchen.players == 1:
+        return walk_before_put(kitchen, state)
+    # Nothing can be brought to the place while the player stands there with a full hand.
+    place = state.place[state.below[o] - kitchen.hand_code]
+    station = place - kitchen.objects
+    if scratch.stops[o]:
+        is_station = 0 <= station < kitchen.stations
+        return 0 if is_station and scratch.stops[o] >> kitchen.station_class[station] & 1 else 1
+    if goal.added_to[o] != NONE:
+        return 0 if is_pot_at(kitchen, state, place) else 1
+    if goal.on_table[o]:
+        return 0 if place == kitchen.table_code else 1
+    if goal.atop[o] != NONE:
+        return 0 if place_of_object(kitchen, state, goal.atop[o]) == place else 1
+    return 0 if place == goal.pile[o] else 1
+
+
+@kernel
+def is_pot_at(kitchen: Kitchen, state: CompactState, place: int) -> bool:
+    """Return whether a pot is at a place."""
+    for c in range(kitchen.items, kitchen.objects):
+        if kitchen.container_kind[c] == POT and place_of_object(kitchen, state, c) == place:
+            return True
+    return False
 
 
 @kernel

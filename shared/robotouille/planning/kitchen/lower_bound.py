@@ -184,8 +184,13 @@ def clearing_work_of(kitchen: Kitchen, state: CompactState, station: int, scratc
 # is not consistent: an obstacle counts only once some object has to leave. The search
 # compensates with pathmax (`nodes.insert`).
 @kernel
-def heuristic(kitchen: Kitchen, goal: GoalSpec, state: CompactState, scratch: Scratch) -> int:
-    """Return a lower bound of the steps left, or DEAD_END if the goal cannot be met any more."""
+def heuristic(
+    kitchen: Kitchen, goal: GoalSpec, state: CompactState, scratch: Scratch, turns: int
+) -> int:
+    """Return a lower bound of the steps left, or DEAD_END if the goal cannot be met any more.
+
+    `turns` players of a team have acted in the first of these steps.
+    """
     clear_scratch(kitchen, state, scratch)
     for o in range(kitchen.items):
         if goal.about[o] and not add_item_work(kitchen, goal, state, o, scratch):
@@ -193,7 +198,8 @@ def heuristic(kitchen: Kitchen, goal: GoalSpec, state: CompactState, scratch: Sc
     if not add_vessel_work(kitchen, goal, state, scratch):
         return DEAD_END
     add_obstacles(kitchen, goal, state, scratch)
-    work = clearing_work(kitchen, state, scratch)
+    clearing = clearing_work(kitchen, state, scratch)
+    work = clearing
     for o in range(kitchen.objects):
         work += scratch.work[o]
     chain = longest_chain(kitchen, goal, scratch)
@@ -208,7 +214,7 @@ def heuristic(kitchen: Kitchen, goal: GoalSpec, state: CompactState, scratch: Sc
     work -= 2 * min(kitchen.players, scratch.free_hands)
     # Cycles give no bound for teams: another player's hand can hold an object without a stop.
     if kitchen.players > 1:
-        return max(chain, -(-work // kitchen.players))
+        return max(chain, shared_work(kitchen, goal, work, clearing, turns, scratch))
     return max(chain, work + cycle_packing(kitchen, goal, state, scratch))
 
 
@@ -238,22 +244,101 @@ def longest_chain(kitchen: Kitchen, goal: GoalSpec, scratch: Scratch) -> int:
 
 @kernel
 def followers(kitchen: Kitchen, goal: GoalSpec, o: int, scratch: Scratch) -> int:
-    """Return the steps that have to follow an object's last delivery."""
+    """Return the steps that have to follow the earliest time of an object's last delivery.
+
+    Other objects that are brought to the same place need time, too, if they come later or cannot
+    come sooner: a relaxation to one machine with release times (Carlier 1982).
+    """
     if scratch.deliveries[o] == 0 or o >= kitchen.items:
         return 0
-    # The meal has to be poured after its last ingredient: pick up, walk, pour.
-    if goal.added_to[o] != NONE:
-        return 3 if goal.vessel[goal.added_to[o]] != NONE else 0
-    # A single player still has to fetch the next object. In a team another player may hold it, and
-    # only has to walk to the place after the first player has left.
-    each = 4 if kitchen.players == 1 else 2
     steps = 0
     for other in range(kitchen.items):
         if other == o or scratch.deliveries[other] == 0:
             continue
-        if goes_on_later(kitchen, goal, other, o):
-            steps += each
-    return steps
+        if goes_on_later(kitchen, goal, other, o) or (
+            share_place(goal, other, o) and scratch.chain[other] >= scratch.chain[o]
+        ):
+            steps += steps_between(kitchen)
+    return steps + steps_after_adding(goal, o)
+
+
+@kernel
+def steps_between(kitchen: Kitchen) -> int:
+    """Return the steps from one delivery to the next one at the same place."""
+    # A single player has to fetch the next object. In a team another player may hold it, and only
+    # has to walk to the place after the first player has left.
+    return 4 if kitchen.players == 1 else 2
+
+
+@kernel
+def steps_after_adding(goal: GoalSpec, o: int) -> int:
+    """Return the steps that follow when the last item was added to a meal."""
+    # The meal has to be poured: pick up, walk, pour.
+    meal = goal.added_to[o]
+    return 3 if meal != NONE and goal.vessel[meal] != NONE else 0
+
+
+@kernel
+def share_place(goal: GoalSpec, o: int, other: int) -> bool:
+    """Return whether the goal wants two items in the same pile or meal."""
+    if goal.added_to[o] != NONE:
+        return goal.added_to[o] == goal.added_to[other]
+    return goal.pile[o] != NONE and goal.pile[o] == goal.pile[other]
+
+
+@kernel
+def shared_work(
+    kitchen: Kitchen, goal: GoalSpec, work: int, clearing: int, turns: int, scratch: Scratch
+) -> int:
+    """Return the steps in which several players can do the work."""
+    # Players do not find work for everybody until the end: each object occupies one player at a
+    # time, and objects of one pile are placed one after another. So for each number of last steps,
+    # the work that does not fit into them is shared by all players in the steps before.
+    for o in range(kitchen.items):
+        scratch.tail[o] = least_tail(kitchen, goal, o, scratch)
+    vessels = vessels_at_work(kitchen, goal, scratch)
+    vessel_work = 0
+    for o in range(kitchen.items, kitchen.objects):
+        vessel_work += scratch.work[o]
+    longest = 0
+    left = work
+    last = 0
+    while left > 0:
+        longest = max(longest, last + -(-(left + turns) // kitchen.players))
+        left -= clearing if last == 0 else 0
+        for o in range(kitchen.items):
+            if scratch.tail[o] <= last < scratch.tail[o] + scratch.work[o]:
+                left -= 1
+        left -= min(vessels, vessel_work)
+        vessel_work -= min(vessels, vessel_work)
+        last += 1
+    return longest
+
+
+@kernel
+def least_tail(kitchen: Kitchen, goal: GoalSpec, o: int, scratch: Scratch) -> int:
+    """Return the steps after the last work on an item, if those with more work come later."""
+    if scratch.deliveries[o] == 0:
+        return 0
+    tail = steps_after_adding(goal, o)
+    for other in range(kitchen.items):
+        if other == o or scratch.deliveries[other] == 0 or not share_place(goal, other, o):
+            continue
+        more = scratch.work[other] - scratch.work[o]
+        if more > 0 or (more == 0 and other < o):
+            tail += 2
+    return tail
+
+
+@kernel
+def vessels_at_work(kitchen: Kitchen, goal: GoalSpec, scratch: Scratch) -> int:
+    """Return the number of meals and containers that players can work on at the same time."""
+    count = 0
+    for m in range(kitchen.meals):
+        count += goal.wanted_meal[m]
+    for c in range(kitchen.items, kitchen.objects):
+        count += goal.on_table[c] if scratch.deliveries[c] else 0
+    return count
 
 
 @kernel

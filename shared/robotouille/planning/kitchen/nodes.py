@@ -46,12 +46,13 @@ UNIT = 4
 """The weight 1. Weights of the heuristic are in quarters."""
 
 # An array, because kernels cannot write to a named tuple's fields.
-COUNT, EXPANDED, LOWEST_F, BEST, GOAL, CUT, WEIGHT = range(7)
+COUNT, EXPANDED, LOWEST_F, BEST, GOAL, CUT, WEIGHT, LIMIT, PUT_OFF = range(9)
 """Positions in `Nodes.status`.
 
 They contain the number of nodes, the number of expanded nodes, and the lowest f of an open node;
 the length of the best known plan and its last node (-1 if another search found it); the lowest f of
-the states without room; and the weight.
+the states without room; and the weight. In a partial expansion, successors with an f above LIMIT
+are put off, and PUT_OFF is the lowest f of these.
 """
 
 MAX_ACTIONS = 256
@@ -105,12 +106,13 @@ class Nodes(NamedTuple):
 
 def new_nodes(kitchen: Kitchen, room: int, weight: int = UNIT) -> Nodes:
     """Return empty nodes with `room`, which must be a power of 2."""
-    status = zeros(7)
+    status = zeros(9)
     status[BEST] = UNKNOWN
     status[GOAL] = -1
     status[LOWEST_F] = MAX_F
     status[CUT] = MAX_F
     status[WEIGHT] = weight
+    status[LIMIT] = MAX_F
     return Nodes(
         keys=zeros(room * kitchen.words),
         g=zeros(room),
@@ -211,13 +213,17 @@ def insert(
         # The bound holds however the state is reached, so it need not be computed again.
         h = nodes.h[known]
     else:
-        h = heuristic(kitchen, goals[state.assignment], state, nodes.scratch)
+        h = heuristic(kitchen, goals[state.assignment], state, nodes.scratch, 0)
         if parent >= 0:
             # Pathmax (Mérő 1984): f never falls along a path, although the heuristic is
             # inconsistent. This stays a lower bound, because the parent's bound holds for plans
             # through this state.
             h = max(h, nodes.h[parent] - (g - nodes.g[parent]))
     if h >= DEAD_END or g + h >= nodes.status[BEST]:
+        return
+    f = weighted_f(nodes, g, h)
+    if f > nodes.status[LIMIT]:
+        nodes.status[PUT_OFF] = min(nodes.status[PUT_OFF], f)
         return
     node = nodes.status[COUNT]
     # A plan may lead through a state without room. The bound of the search must not exceed its f.
@@ -240,7 +246,13 @@ def insert(
         nodes.status[BEST] = g
         nodes.status[GOAL] = node
     else:
-        open_node(nodes, node, min(MAX_F - 1, g + h * nodes.status[WEIGHT] // UNIT))
+        open_node(nodes, node, f)
+
+
+@kernel
+def weighted_f(nodes: Nodes, g: int, h: int) -> int:
+    """Return the f under which a node with `g` and `h` is open."""
+    return min(MAX_F - 1, g + h * nodes.status[WEIGHT] // UNIT)
 
 
 @kernel

@@ -32,6 +32,8 @@ class Scratch:
     """Items that may be added to a pot."""
     meal_chain: int
     """Longest chain of a meal."""
+    filling_chain: int
+    """Shortest chain of a meal whose pot has to be filled."""
     pots_open: int
     """1 if several pots may serve for a meal."""
     above: PerObject
@@ -51,6 +53,8 @@ class Scratch:
     """[object] Steps of players that deal with the object."""
     chain: PerObject
     """[object] Steps, delays included, until the object can be at its final place."""
+    tail: PerObject
+    """[item] Steps after the last work on the item. Owned by `shared_work`."""
     before: Annotated[Ints, 2 * MAX_OBJECTS + MAX_MEALS]
     """[node] Nodes that have to come later, as a bit set. Owned by the cycle packing."""
 
@@ -63,6 +67,7 @@ def new_scratch() -> Scratch:
         water_walks=0,
         maybe_added=0,
         meal_chain=0,
+        filling_chain=0,
         pots_open=0,
         above=[0] * MAX_OBJECTS,
         deliveries=[0] * MAX_OBJECTS,
@@ -72,6 +77,7 @@ def new_scratch() -> Scratch:
         first_stop=[0] * MAX_OBJECTS,
         work=[0] * MAX_OBJECTS,
         chain=[0] * MAX_OBJECTS,
+        tail=[0] * MAX_OBJECTS,
         before=[0] * (2 * MAX_OBJECTS + MAX_MEALS),
     )
 
@@ -83,6 +89,7 @@ def clear_scratch(kitchen: Kitchen, state: CompactState, scratch: Scratch) -> No
     scratch.water_walks = 0
     scratch.maybe_added = 0
     scratch.meal_chain = 0
+    scratch.filling_chain = DEAD_END
     scratch.pots_open = 0
     for o in range(kitchen.objects):
         scratch.above[o] = NONE

@@ -14,14 +14,17 @@ from robotouille.planning.kitchen.compact_state import (
     unpack_state,
 )
 from robotouille.planning.kitchen.kernels import Ints, kernel
+from robotouille.planning.kitchen.lower_bound import heuristic
 from robotouille.planning.kitchen.nodes import (
     BEST,
     COUNT,
     CUT,
     EXPANDED,
     GOAL,
+    LIMIT,
     LOWEST_F,
     MAX_F,
+    PUT_OFF,
     UNIT,
     UNKNOWN,
     WEIGHT,
@@ -30,8 +33,11 @@ from robotouille.planning.kitchen.nodes import (
     encode_turn,
     insert,
     max_successors,
+    open_node,
     pop,
+    weighted_f,
 )
+from robotouille.planning.kitchen.scratch import DEAD_END
 from robotouille.planning.kitchen.transitions import (
     advance_timers,
     apply_action,
@@ -156,10 +162,24 @@ def expand_together(kitchen: Kitchen, goals: Sequence[GoalSpec], nodes: Nodes, n
             joint = nodes.turns[number].joint
             insert(kitchen, goals, nodes, after, node, joint, nodes.g[node] + 1)
             number -= 1
-        elif take_turn(kitchen, goal, nodes, number):
+        elif take_turn(kitchen, goal, nodes, node, number):
             number += 1
         else:
             number -= 1
+
+
+@kernel
+def expand_partly(kitchen: Kitchen, goals: Sequence[GoalSpec], nodes: Nodes, node: int) -> None:
+    """Insert the successors with the f of their parent, and open it again for the others.
+
+    Most joint actions waste steps (partial expansion A*, Yoshizumi, Miura and Ishida 2000).
+    """
+    status = nodes.status
+    status[LIMIT] = status[LOWEST_F]
+    status[PUT_OFF] = MAX_F
+    expand_together(kitchen, goals, nodes, node)
+    if status[PUT_OFF] < MAX_F:
+        open_node(nodes, node, status[PUT_OFF])
 
 
 @kernel
@@ -172,7 +192,7 @@ def begin_turn(turn: Turn, joint: int) -> None:
 
 
 @kernel
-def take_turn(kitchen: Kitchen, goal: GoalSpec, nodes: Nodes, number: int) -> bool:
+def take_turn(kitchen: Kitchen, goal: GoalSpec, nodes: Nodes, node: int, number: int) -> bool:
     """Apply the next action of a turn. Return False if no player has one left."""
     turn = nodes.turns[number]
     while True:
@@ -189,9 +209,26 @@ def take_turn(kitchen: Kitchen, goal: GoalSpec, nodes: Nodes, number: int) -> bo
         after = nodes.states[number + 1]
         copy_state(kitchen, nodes.states[number], after)
         apply_action(kitchen, after, turn.actor, action)
+        if number + 1 < kitchen.players and is_too_long(kitchen, goal, nodes, node, number + 1):
+            continue
         joint = turn.joint | encode_turn(number, turn.actor, action)
         begin_turn(nodes.turns[number + 1], joint)
         return True
+
+
+@kernel
+def is_too_long(kitchen: Kitchen, goal: GoalSpec, nodes: Nodes, node: int, turns: int) -> bool:
+    """Return whether all plans that begin with the turns so far are longer than the limit."""
+    status = nodes.status
+    h = heuristic(kitchen, goal, nodes.states[turns], nodes.scratch, turns)
+    if h >= DEAD_END or nodes.g[node] + h >= status[BEST]:
+        return True
+    # This step counts with the full weight only when it is over.
+    f = weighted_f(nodes, nodes.g[node] + 1, h - 1)
+    if f <= status[LIMIT]:
+        return False
+    status[PUT_OFF] = min(status[PUT_OFF], f)
+    return True
 
 
 @kernel
@@ -274,5 +311,5 @@ def astar(kitchen: Kitchen, goals: Sequence[GoalSpec], nodes: Nodes, expansions:
         if kitchen.players == 1:
             expand_alone(kitchen, goals, nodes, node, False)
         else:
-            expand_together(kitchen, goals, nodes, node)
+            expand_partly(kitchen, goals, nodes, node)
     return PAUSED

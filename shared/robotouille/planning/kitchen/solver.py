@@ -29,19 +29,19 @@ from robotouille.planning.kitchen.search import EMPTY, GROW, PAUSED, PROVEN, ast
 from robotouille.planning.plan import UNLIMITED, Limits, Plan, Proof, SearchResult, Watch
 from robotouille.world.world import State, World
 
-PLANNER = "kitchen A* 1"
+PLANNER = "kitchen A* 2"
 
 # The number of joint actions grows exponentially with the players, and so does the time for one
 # expansion. All these numbers therefore depend on the number of players.
-SLICE = (1_024, 256, 16, 1)
+SLICE = (1_024, 256, 32, 4)
 """Expansions between two checks of the limits, by number of players."""
 
 # Most short plans are found within these expansions. For longer ones a known plan helps: it prunes
 # every state that cannot lead to a shorter one.
-EXACT_FIRST = (2_000, 1_000, 100, 20)
+EXACT_FIRST = (2_000, 5_000, 3_000, 500)
 """Expansions before a quick plan is sought, by number of players."""
 
-HASTY_EXPANSIONS = (3_000, 1_500, 150, 30)
+HASTY_EXPANSIONS = (3_000, 3_000, 1_500, 300)
 """Expansions of each quick search, by number of players."""
 
 # A greater weight finds longer plans sooner. So the weights increase until some plan is found.

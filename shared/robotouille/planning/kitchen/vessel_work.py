@@ -17,7 +17,9 @@ counts steps about pots. Two cases are subtracted again:
 
 from __future__ import annotations
 
+from robotouille.planning.kitchen.applicable import is_empty
 from robotouille.planning.kitchen.compact_state import (
+    BOWL,
     FILLING,
     NONE,
     POT,
@@ -27,6 +29,7 @@ from robotouille.planning.kitchen.compact_state import (
 )
 from robotouille.planning.kitchen.kernels import kernel
 from robotouille.planning.kitchen.scratch import DEAD_END, Scratch, walk_before_put, walk_to
+from robotouille.planning.kitchen.transitions import place_of_object
 
 
 @kernel
@@ -54,7 +57,39 @@ def add_vessel_work(
             if not add_cooking(kitchen, goal, state, m, container, cooked, scratch):
                 return False
             cooked += 1
+    turns = turns_at_sinks(kitchen, goal, state)
+    if turns > 0 and scratch.filling_chain < DEAD_END:
+        # A pot is filled, taken away and replaced: the player leaves, and the next one fills.
+        later = (turns - 1) * (kitchen.fill_total + 3)
+        scratch.meal_chain = max(scratch.meal_chain, scratch.filling_chain + later)
     return True
+
+
+@kernel
+def turns_at_sinks(kitchen: Kitchen, goal: GoalSpec, state: CompactState) -> int:
+    """Return how many pots have to be filled one after another, without those being filled."""
+    unfilled = 0
+    for m in range(kitchen.meals):
+        if goal.wanted_meal[m] and state.inside[m] == 0:
+            unfilled += 1
+    for pot in range(kitchen.items, kitchen.objects):
+        if is_filling(kitchen, state, pot):
+            unfilled -= 1
+    sinks = 0
+    for station in range(kitchen.stations):
+        if kitchen.station_class[station] == kitchen.sink_class:
+            sinks += 1
+    return -(-unfilled // max(1, sinks))
+
+
+@kernel
+def is_filling(kitchen: Kitchen, state: CompactState, pot: int) -> bool:
+    """Return whether the filling of a pot was started."""
+    for station in range(kitchen.stations):
+        counter = kitchen.fill_timer[pot][station]
+        if counter != NONE and state.counters[counter] > 0:
+            return True
+    return False
 
 
 @kernel
@@ -73,11 +108,46 @@ def add_serving(kitchen: Kitchen, state: CompactState, c: int, scratch: Scratch)
     """Note that a container has to be brought to a plain table."""
     scratch.deliveries[c] += 1
     if state.below[c] >= kitchen.hand_code:
-        scratch.work[c] += 1 + walk_before_put(kitchen, state)
+        scratch.work[c] += 1 + walk_with_bowl(kitchen, state, c)
     else:
         scratch.work[c] += 3 + walk_to(kitchen, state, c, scratch)
         scratch.leaves[c] = 1
     scratch.chain[c] = scratch.work[c]
+
+
+@kernel
+def walk_with_bowl(kitchen: Kitchen, state: CompactState, c: int) -> int:
+    """Return 1 if a held container has to be carried elsewhere before it can be served, else 0."""
+    if kitchen.players == 1:
+        return walk_before_put(kitchen, state)
+    return 0 if state.place[state.below[c] - kitchen.hand_code] == kitchen.table_code else 1
+
+
+@kernel
+def walk_with_pot(kitchen: Kitchen, goal: GoalSpec, state: CompactState, m: int, pot: int) -> int:
+    """Return 1 if a held pot has to be carried elsewhere before the next work on a meal, else 0."""
+    if kitchen.players == 1:
+        return walk_before_put(kitchen, state)
+    place = state.place[state.below[pot] - kitchen.hand_code]
+    station = place - kitchen.objects
+    only = NONE
+    if 0 <= station < kitchen.stations:
+        only = kitchen.station_class[station]
+    if state.inside[m] == 0:
+        # A pot with another meal may be poured first.
+        return 1 if is_empty(kitchen, state, pot) and only != kitchen.sink_class else 0
+    if goal.boiling[m] and not state.boiled[m]:
+        # Water that was heated may boil on in the bowl.
+        for i in range(kitchen.stations):
+            counter = kitchen.boil_timer[m][pot][i]
+            if counter != NONE and state.counters[counter] > 0:
+                return 0
+        return 0 if only == kitchen.stove_class else 1
+    for bowl in range(kitchen.items, kitchen.objects):
+        is_bowl = kitchen.container_kind[bowl] == BOWL
+        if is_bowl and place_of_object(kitchen, state, bowl) == place:
+            return 0
+    return 1
 
 
 @kernel
@@ -158,6 +228,8 @@ def add_cooking(
         work, chain, water_walks = route(kitchen, goal, state, m, pot, scratch)
         least = min(least, work)
         soonest = min(soonest, chain)
+        if only_pot == NONE and not is_filling(kitchen, state, pot):
+            scratch.filling_chain = min(scratch.filling_chain, chain)
         walks = max(walks, water_walks)
         chosen = pot
     if candidates == 0:
@@ -212,7 +284,7 @@ def route(
     under = state.below[pot]
     is_held = under >= kitchen.hand_code
     walk = 0 if is_held else walk_to(kitchen, state, pot, scratch)
-    first = 1 + walk_before_put(kitchen, state) if is_held else 3 + walk
+    first = 1 + walk_with_pot(kitchen, goal, state, m, pot) if is_held else 3 + walk
     is_dry = state.inside[m] == 0
     work, chain, back = 0, 0, walk
     if is_dry:
@@ -234,7 +306,34 @@ def route(
         work += back + 3
         water_walks += back
         chain += 3 if is_dry or boils else 3 + back
+    if pours:
+        chain += adding_steps(kitchen, goal, state, m, pot, walk)
     return work, chain, water_walks
+
+
+@kernel
+def adding_steps(
+    kitchen: Kitchen, goal: GoalSpec, state: CompactState, m: int, pot: int, walk: int
+) -> int:
+    """Return how much longer a meal's chain becomes because items have to be added before pouring.
+
+    In a step in which a player adds something, nobody else deals with the pot.
+    """
+    adding = 0
+    for o in range(kitchen.items):
+        if goal.added_to[o] == m and state.below[o] < kitchen.meal_code:
+            adding += 1
+    # The player who adds an item need not walk to the pot.
+    meanwhile = walk if state.inside[m] > 0 else 0
+    # While the water boils, an item can be added in every second step.
+    if goal.boiling[m] and not state.boiled[m]:
+        delay = kitchen.boil_total - 2
+        for station in range(kitchen.stations):
+            counter = kitchen.boil_timer[m][pot][station]
+            if counter != NONE and state.counters[counter] > 0:
+                delay = max(delay, kitchen.boil_total + 1 - state.counters[counter])
+        meanwhile += (delay + 1) // 2
+    return max(0, adding - meanwhile)
 
 
 @kernel
@@ -265,7 +364,29 @@ def filling(
         if counter != NONE and state.counters[counter] > 0:
             start = 0
             left = min(left, kitchen.fill_total - state.counters[counter])
-    return first + start, first + left, 1 if left > start else 0
+    # A pot with another meal is poured and carried to the sink: two steps more.
+    soonest = first if is_empty(kitchen, state, pot) else first + 2
+    soonest = max(soonest, steps_until_sink(kitchen, state))
+    return first + start, soonest + left, 1 if left > start else 0
+
+
+@kernel
+def steps_until_sink(kitchen: Kitchen, state: CompactState) -> int:
+    """Return the steps until a pot that is not at a sink can be put there."""
+    soonest = DEAD_END
+    for station in range(kitchen.stations):
+        if kitchen.station_class[station] != kitchen.sink_class:
+            continue
+        steps = 0
+        for o in range(kitchen.objects):
+            if state.below[o] == kitchen.objects + station:
+                # The object is taken away, its player leaves, and the next one puts the pot there.
+                steps = 3
+                counter = NONE if o < kitchen.items else kitchen.fill_timer[o][station]
+                if counter != NONE and state.counters[counter] > 0:
+                    steps += kitchen.fill_total + 1 - state.counters[counter]
+        soonest = min(soonest, steps)
+    return soonest
 
 
 @kernel
