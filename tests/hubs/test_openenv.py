@@ -9,13 +9,13 @@ import socket
 import tomllib
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from robotouille import World
 from robotouille_evaluation.text_games import load_instance
+from tests.support.sources import ROOT
 
 pytestmark = [
     pytest.mark.slow,
@@ -204,9 +204,7 @@ async def test_http_lists_tasks_and_refuses_unknown_ones() -> None:
 def test_manifest_matches_the_package() -> None:
     import yaml
 
-    import robotouille_env
-
-    folder = Path(robotouille_env.__file__).parent
+    folder = ROOT / "packages/robotouille_env"
     manifest = yaml.safe_load((folder / "openenv.yaml").read_text(encoding="utf-8"))
     project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert project["name"] == f"openenv-{manifest['name'].replace('_', '-')}"
