@@ -24,7 +24,8 @@ from robotouille_server.rooms.recording.archive import ArchivedEpisode, in_turns
 from robotouille_server.rooms.recording.journal import name_in
 from robotouille_server.runtime.logs import get_logger
 
-CLAIMS_AT_A_TIME = 8
+CLAIMS_AT_A_TIME = 3
+"""Episodes taken over at a time. With more, all come back late, because they share a processor."""
 MAX_PREPARED = 16
 """Episodes in memory that were restored in advance."""
 HELD_BACK = 2
