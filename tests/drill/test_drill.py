@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import shutil
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -52,3 +53,20 @@ def test_window_of_a_person_survives_kills(tmp_path: Path) -> None:
     assert result.pictures >= 1
     assert result.clicks >= 1
     assert result.verdict.controllers["human"] >= 2
+
+
+@pytest.mark.browser
+@pytest.mark.process
+@pytest.mark.slow
+@pytest.mark.nightly
+@pytest.mark.skipif(
+    not (shutil.which("chromium") and find_spec("playwright")),
+    reason="needs chromium and playwright",
+)
+def test_pages_of_people_survive_kills_and_accidents(tmp_path: Path) -> None:
+    plan = Plan(kills=3, games=0, pages=1, seed=3, steps=(20, 30), patience=150.0)
+    result = asyncio.run(run_drill(plan, tmp_path / "drill", print))
+    assert result.ok, table(result)
+    assert result.clicks >= 5
+    assert result.accidents.total() >= 5
+    assert result.verdict.actions >= 5

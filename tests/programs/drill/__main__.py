@@ -9,6 +9,7 @@ import sys
 import tempfile
 import time
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 
 from tests.programs.drill.drill import Plan, run_drill
@@ -25,6 +26,7 @@ def main() -> int:
     )
     parser.add_argument("--games", type=int, default=50, help="simultaneous episodes")
     parser.add_argument("--windows", type=int, default=2, help="windows of people (under Xvfb)")
+    parser.add_argument("--pages", type=int, default=2, help="people with a browser")
     parser.add_argument("--processes", type=int, default=3, help="processes for the bots")
     parser.add_argument("--seed", type=int, default=None, help="seed of episodes and kills")
     parser.add_argument("--json", type=Path, help="write all figures to this file")
@@ -33,10 +35,13 @@ def main() -> int:
     missing = [name for name in ("Xvfb", "xdotool") if not shutil.which(name)]
     if options.windows and missing:
         parser.error(f"windows need {' and '.join(missing)}; install them or use --windows 0")
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
+    if options.pages and not (chromium and find_spec("playwright")):
+        parser.error("pages need chromium and playwright; install them or use --pages 0")
     seed = options.seed if options.seed is not None else time.time_ns() % 1_000_000
     plan = replace(
         Plan(), kills=options.kills, games=options.games, windows=options.windows,
-        processes=options.processes, seed=seed,
+        pages=options.pages, processes=options.processes, seed=seed,
     )  # fmt: skip
     folder = options.folder or Path(tempfile.mkdtemp(prefix="robotouille-drill-"))
     begun = time.monotonic()

@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -61,6 +62,7 @@ class Crowd:
         episodes: The episode of each player who plays.
         acted: When each player's first action after `mark` was applied.
         late: The late steps of real-time episodes.
+        accidents: Numbers of accidents of pages by kind and phase.
     """
 
     def __init__(
@@ -91,6 +93,8 @@ class Crowd:
         self._seats = self._joined = 0
         self.pictures = 0
         self.clicks = 0
+        self.accidents: Counter[str] = Counter()
+        self._phases: dict[str, str] = {}
         self.turn_of_events = asyncio.Event()
         self._lost_at: dict[str, float] = {}
         self._arguments = ["--url", url, "--folder", str(folder), "--seed", str(seed)]
@@ -100,12 +104,14 @@ class Crowd:
         self._readers: list[asyncio.Task[None]] = []
         self._finishing = self._stopping = False
 
-    async def start(self, slots: int, processes: int, windows: int) -> None:
-        """Start episodes in all slots, divided among processes, and start the windows."""
+    async def start(self, slots: int, processes: int, windows: int, pages: int = 0) -> None:
+        """Start episodes in all slots, divided among processes, and start windows and pages."""
         for number in range(min(processes, slots)):
             await self._begin("tests.programs.drill.players", range(number, slots, processes))
         for number in range(windows):
             await self._begin("tests.programs.drill.people", [number])
+        for number in range(pages):
+            await self._begin("tests.programs.drill.pages", [number])
 
     async def _begin(self, module: str, slots: Iterable[int]) -> None:
         process = await asyncio.create_subprocess_exec(
@@ -193,6 +199,7 @@ class Crowd:
         if self.outages and self.outages[-1].missing:
             self.outages[-1].interrupted = True
         self.outages.append(Outage(at, set(self.playing)))
+        self.accidents.update(f"server killed {phase}" for phase in self._phases.values())
 
     async def _read(self, process: asyncio.subprocess.Process) -> None:
         assert process.stdout is not None
@@ -227,6 +234,11 @@ class Crowd:
                 self.clicks += row.get("clicks", 0)
             case "failed":
                 self.faults.append(f"{who}: {row['error']}")
+            case "accident":
+                self.accidents[f"{row['how']} {row['phase']}"] += 1
+            case "phase":
+                self._phases[who] = row["phase"]
+                self.turn_of_events.set()
             case "pictured":
                 self.pictures += 1
             case "acted" if row.get("marked", 0.0) >= self._marked > 0.0:
@@ -250,6 +262,7 @@ class Crowd:
     def _over(self, who: str, outcome: dict[str, Any]) -> None:
         self.playing.discard(who)
         self.episodes.pop(who, None)
+        self._phases.pop(who, None)
         self.present.discard(who)
         if self.outages:
             self.outages[-1].missing.discard(who)

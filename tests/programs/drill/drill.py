@@ -38,6 +38,7 @@ class Plan:
     kills: int = 100
     games: int = 50
     windows: int = 0
+    pages: int = 0
     processes: int = 3
     seed: int = 1
     steps: tuple[int, int] = (30, 150)
@@ -62,6 +63,7 @@ class Result:
     told: dict[str, int] = field(default_factory=dict)
     pictures: int = 0
     clicks: int = 0
+    accidents: Counter[str] = field(default_factory=Counter)
     verdict: Verdict = field(default_factory=Verdict)
     faults: list[str] = field(default_factory=list)
 
@@ -81,8 +83,8 @@ async def run_drill(plan: Plan, folder: Path, say: Callable[[str], None]) -> Res
     await server.start()
     try:
         await _listens(server)
-        await crowd.start(plan.games, plan.processes, plan.windows)
-        await crowd.all_play(plan.games + plan.windows, WARM_UP_SECONDS)
+        await crowd.start(plan.games, plan.processes, plan.windows, plan.pages)
+        await crowd.all_play(plan.games + plan.windows + plan.pages, WARM_UP_SECONDS)
         await _kill_and_restart(plan, server, crowd, result, say)
         await _finish(plan, server, crowd, result, say)
     finally:
@@ -156,4 +158,5 @@ def _sum_up(server: ServerProcess, crowd: Crowd, result: Result) -> None:
     result.absence_seconds = crowd.absences
     result.told = crowd.ended
     result.pictures, result.clicks = crowd.pictures, crowd.clicks
+    result.accidents = crowd.accidents
     result.faults += result.verdict.faults

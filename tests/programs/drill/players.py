@@ -12,11 +12,11 @@ import asyncio
 import json
 import sys
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from robotouille.errors import RobotouilleError
 from robotouille.planning.policies.policy import Policy
@@ -30,6 +30,8 @@ from robotouille_client.bots.seat_policy import MakePolicy
 from robotouille_client.errors import ConnectionFailedError
 from tests.programs.drill.games import MIXES, GameSpec, draw_game, mix_of, plan_of
 from tests.programs.drill.witness import Witness
+
+Answer = TypeVar("Answer")
 
 LOOK_SECONDS = 0.02
 BREAK_SECONDS = 7.0
@@ -94,12 +96,8 @@ class Participant:
     async def open(self) -> str:
         """Create the episode and return its code."""
         async with reachable(self._url, self.name) as client:
-            while True:
-                try:
-                    created = await client.create(self._spec.task, **self._spec.options)
-                    return created.code
-                except RobotouilleError as error:
-                    await _wait_or_raise(error)
+            spec = self._spec
+            return (await retried(lambda: client.create(spec.task, **spec.options))).code
 
     async def play(self, code: str, seat: str | None = None) -> None:
         """Take a seat and play to the end."""
@@ -127,11 +125,7 @@ class Participant:
         return Deliberate(make(state, player), self._spec.think)
 
     async def _join(self, client: Client, code: str, seat: str | None) -> Game:
-        while True:
-            try:
-                return await client.join(code, seat=seat)
-            except RobotouilleError as error:
-                await _wait_or_raise(error)
+        return await retried(lambda: client.join(code, seat=seat))
 
     def _heard(self, message: messages.ServerMessage) -> None:
         self._is_back()
@@ -287,12 +281,16 @@ class Slots:
                 self._playing.pop(player.name, None)
 
 
-async def _wait_or_raise(error: RobotouilleError) -> None:
-    if not isinstance(error, ConnectionFailedError) and (
-        getattr(error, "code", "") not in TEMPORARY
-    ):
-        raise error
-    await asyncio.sleep(0.2)
+async def retried(request: Callable[[], Awaitable[Answer]]) -> Answer:
+    """Return the answer to a request, which is repeated while its failure is temporary."""
+    while True:
+        try:
+            return await request()
+        except RobotouilleError as error:
+            code = getattr(error, "code", "")
+            if not isinstance(error, ConnectionFailedError) and code not in TEMPORARY:
+                raise
+            await asyncio.sleep(0.2)
 
 
 def options() -> argparse.Namespace:

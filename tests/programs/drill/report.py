@@ -33,6 +33,7 @@ def table(result: Result) -> str:
         ("seats that received the outcome", counts(result.told)),
         ("windows", f"{result.pictures} checks that found the episode, at the start and after"
                     f" outages; {result.clicks} clicks and keys"),
+        ("accidents of pages", counts(result.accidents)),
         *verdict_rows(verdict),
     ]  # fmt: skip
     return aligned(rows, result.faults)

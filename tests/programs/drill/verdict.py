@@ -17,6 +17,8 @@ __all__ = ["Verdict", "judge"]
 LOST = ("seat/lost", "episode/ended")
 """Codes of replies that do not reveal what happened to an action."""
 FINISHED = ("goal", "step_limit")
+UNBEGUN = {"reason": "aborted", "steps": 0, "detail": "the server shuts down"}
+"""Outcome of an episode that had not started when the server received a SIGTERM."""
 
 Row = list[Any]
 
@@ -99,7 +101,7 @@ def _judge_game(verdict: Verdict, path: Path, told: list[Path]) -> None:
     verdict.outcomes[record.outcome["reason"]] += 1
     verdict.controllers.update(record.controllers)
     verdict.restarts[record.restarts] += 1
-    if record.outcome["reason"] not in FINISHED:
+    if record.outcome["reason"] not in FINISHED and not UNBEGUN.items() <= record.outcome.items():
         verdict.faults.append(f"{path.name}: ended with {record.outcome}")
     verdict.faults += [f"{path.name}: {fault}" for fault in record.doubles()]
     for witness in told:
