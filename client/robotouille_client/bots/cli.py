@@ -14,7 +14,14 @@ import typer
 
 from robotouille.errors import RobotouilleError, did_you_mean
 from robotouille.terminal import options_from, printable, tell
-from robotouille_client.bots.kinds import BotKind, BotSetup, bot_maker, given_names
+from robotouille_client.bots.kinds import (
+    TRAINED,
+    BotKind,
+    BotSetup,
+    bot_maker,
+    given_names,
+    trained_maker,
+)
 from robotouille_client.bots.llm_options import LlmBotOptions
 from robotouille_client.console import (
     ServerOptions,
@@ -88,11 +95,13 @@ def _bot(kind: str, options: BotOptions) -> BotSetup | MakePolicy:
         from robotouille_client.bots.own_policy import own_policy_maker
 
         return own_policy_maker(kind)
+    if kind.endswith(TRAINED):
+        return trained_maker(Path(kind), options.seed)
     if kind not in list(BotKind):
         known = [*BotKind, LLM]
         raise RobotouilleError(
             f"unknown bot {kind!r}{did_you_mean(kind, known)} "
-            f"(possible: {', '.join(known)}, or MODULE:NAME)"
+            f"(possible: {', '.join(known)}, MODULE:NAME or FILE.npz)"
         )
     setup = BotSetup(BotKind(kind), options.seed, options.skill, options.plan)
     bot_maker(setup)  # Report a wrong option before a seat is taken.
@@ -129,8 +138,8 @@ def command(
     kind: Annotated[
         str,
         typer.Argument(
-            help="The bot: random, scripted, planner, llm (a language model), or MODULE:NAME of "
-            "your own."
+            help="The bot: random, scripted, planner, llm (a language model), MODULE:NAME of "
+            "your own, or FILE.npz of robotouille-train."
         ),
     ],
     options: BotOptions,
@@ -147,8 +156,9 @@ def command(
             bot = _language_model(options, several=bool(seats))
         else:
             bot = _bot(kind, options)
-        own_name = [f"{kind.rpartition(':')[2]}-bot"]
-        default = own_name if ":" in kind else given_names(options.seed, options.seat)
+        own_name = [f"{Path(kind).stem.rpartition(':')[2]}-bot"]
+        is_own = ":" in kind or kind.endswith(TRAINED)
+        default = own_name if is_own else given_names(options.seed, options.seat)
         request = SeatRequest(
             options.address,
             [options.name] if options.name else default,

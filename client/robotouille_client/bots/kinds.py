@@ -8,7 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robotouille.errors import Fault, FileError, RobotouilleError
+from robotouille.errors import Fault, FileError, MissingExtraError, RobotouilleError
 
 if TYPE_CHECKING:
     from robotouille.domain.rendering import Language
@@ -36,6 +36,10 @@ class BotKind(StrEnum):
     RANDOM = "random"
     SCRIPTED = "scripted"
     PLANNER = "planner"
+
+
+TRAINED = ".npz"
+"""Ending of the files of trained policies."""
 
 
 class Partner(StrEnum):
@@ -123,6 +127,23 @@ def policy_maker(kind: BotKind, seed: int = 0, plan: Path | None = None) -> Make
         return RandomPolicy(player, seed)
 
     return make
+
+
+def trained_maker(path: Path, seed: int = 0) -> MakePolicy:
+    """Return a function that makes the policy of a seat from a file of `robotouille-train`.
+
+    Raises:
+        FileError: The file cannot be read or is invalid.
+        MissingExtraError: NumPy is not installed.
+    """
+    try:
+        from robotouille.planning.policies.trained import TrainedPolicy, read_actor
+    except ModuleNotFoundError as error:
+        if error.name != "numpy":
+            raise
+        raise MissingExtraError("a trained policy", "rl") from None
+    actor = read_actor(path)
+    return lambda state, player: TrainedPolicy(actor, state, player, seed)
 
 
 def _planner_maker(

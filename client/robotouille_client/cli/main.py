@@ -103,6 +103,10 @@ class _Commands(LazyGroup):
             "robotouille_evaluation.cli.benchmark:benchmark",
             "Evaluate agents on packs of tasks: run, resume, report, compare.",
         ),
+        "cross-play": LazyCommand(
+            "robotouille_evaluation.cli.cross_play:cross_play",
+            "Let all pairs of partners play a task, and print the means with 95 % intervals.",
+        ),
         "pack": LazyCommand(
             "robotouille_evaluation.cli.pack:pack",
             "Import, build, check, prove and compare packs of tasks for the benchmark.",

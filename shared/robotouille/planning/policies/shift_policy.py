@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from robotouille.planning.plan import Plan
 from robotouille.planning.policies.agenda import OpenOrders
+from robotouille.planning.policies.lockstep import play_in_lockstep
 from robotouille.planning.policies.planner_policy import (
     DEFAULT_OPTIONS,
     PlannerOptions,
@@ -13,7 +14,6 @@ from robotouille.planning.policies.planner_policy import (
 )
 from robotouille.planning.policies.policy import Did
 from robotouille.planning.shift import DishPlanner, prepare_in_background, rules_of
-from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 
 
@@ -64,25 +64,4 @@ def play_shift(
         )
         for player in world.players
     }
-    for bot in bots.values():
-        bot.meet(dict.fromkeys(bots, "bot"), "lockstep")
-    state, steps = world.initial, list[tuple[GroundAction, ...]]()
-    while state.orders is not None and not rules.over(state.orders):
-        decided = [
-            (bot.anticipating, action)
-            for player, bot in bots.items()
-            if not state.busy_steps(player) and (action := bot.act(state)) is not None
-        ]
-        # An action that relies on another one of the same step comes after it.
-        step = state.step([action for _, action in sorted(decided, key=lambda pair: pair[0])])
-        steps.append(tuple(each.action for each in step.attempts if each.applied))
-        did = [(each.action.player or "", each.action, each.applied) for each in step.attempts]
-        for bot in bots.values():
-            bot.observe(did)
-        for player, bot in bots.items():
-            for speech in bot.speak():
-                for other in bots.values():
-                    other.hear(player, speech)
-        state = step.state
-        watch(state)
-    return Plan(tuple(steps)), state
+    return play_in_lockstep(world.initial, bots, rules.steps, watch=watch)

@@ -1,0 +1,77 @@
+"""`robotouille cross-play`: the matrix of all pairs of partners."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from robotouille.errors import RobotouilleError
+from robotouille.terminal import options_from, printable, tell
+from robotouille_client.console import failing
+
+
+@dataclass(frozen=True, kw_only=True)
+class CrossPlayOptions:
+    """Options of `robotouille cross-play`."""
+
+    episodes: Annotated[int, typer.Option(min=1, help="Episodes of each pair.")] = 20
+    seed: Annotated[int, typer.Option(help="Seed of all random decisions.")] = 0
+    max_steps: Annotated[
+        int, typer.Option(min=1, help="Longest episode. A shift ends by itself.")
+    ] = 100
+    out: Annotated[
+        Path | None,
+        typer.Option(help="File for the means (.csv) or for all episodes (.json)."),
+    ] = None
+
+
+@failing
+@options_from(CrossPlayOptions)
+def cross_play(
+    task: Annotated[str, typer.Argument(help="A task with its seats, as in training/03@2.")],
+    partners: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="PARTNER...",
+            help="random, scripted, learner, partner, expert (planners with a skill), FILE.npz of "
+            "robotouille-train, or MODULE:NAME of your own.",
+        ),
+    ],
+    options: CrossPlayOptions,
+) -> None:
+    """Let all pairs of partners play a task, and print the means with 95 % intervals.
+
+    Rows have the partner in the first seat, columns the partner in all other seats.
+    """
+    from robotouille.domain.loading import load_task
+    from robotouille.world.world import World
+    from robotouille_evaluation.cross_play.matrix import (
+        csv_text,
+        json_text,
+        measures_of,
+        play_pairs,
+        text_table,
+    )
+    from robotouille_evaluation.cross_play.partners import partners_named
+
+    if options.out is not None and options.out.suffix not in (".csv", ".json"):
+        raise RobotouilleError(f"--out: expected a file .csv or .json, found {options.out}")
+    loaded = load_task(task)
+    if len(World(loaded).players) < 2:
+        raise RobotouilleError(f"cross-play needs two seats or more; {task} has one")
+    population = partners_named(partners, loaded)
+    shift = loaded.problem.shift
+    most = options.max_steps if shift is None else shift.steps * loaded.profile.delay_factor
+    played = play_pairs(loaded, population, options.episodes, options.seed, most)
+    names, measures = [each.name for each in population], measures_of(loaded)
+    for measure in measures:
+        tell(printable(text_table(played, names, measure)) + "\n")
+    if options.out is not None:
+        is_csv = options.out.suffix == ".csv"
+        text = csv_text(played, names, measures) if is_csv else json_text(
+            played, loaded, options.seed
+        )  # fmt: skip
+        options.out.write_text(text, encoding="utf-8")

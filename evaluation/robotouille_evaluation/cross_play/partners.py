@@ -1,0 +1,98 @@
+"""Partners of cross-play: scripted, planning, trained and own policies, by their names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from robotouille.certification import load_certificate
+from robotouille.domain.task import Task
+from robotouille.errors import RobotouilleError, did_you_mean
+from robotouille.planning.plan import Plan, read_plan
+from robotouille.planning.policies.policy import Policy, RandomPolicy
+from robotouille.planning.policies.skill import SKILLS, SkilledPolicy, skill_named
+from robotouille.planning.policies.trained import TrainedPolicy, read_actor
+from robotouille.world.world import State, World
+from robotouille_client.bots.kinds import TRAINED, BotKind, policy_maker
+from robotouille_client.bots.own_policy import own_policy_maker
+from robotouille_evaluation.runs.job_agents import LockstepScript
+
+MakePartner = Callable[[State, str, int], Policy]
+"""Makes the policy of a seat from the initial state, the player and a seed."""
+
+RANDOM, SCRIPTED = "random", "scripted"
+STEP_SECONDS = 1.0
+"""Seconds of a step for the reaction times of skills. In the timing profile `people`, which has
+five times as many steps, five steps take a second."""
+
+
+@dataclass(frozen=True)
+class Partner:
+    """A member of the population."""
+
+    name: str
+    make: MakePartner
+
+
+def partners_named(names: Sequence[str], task: Task) -> list[Partner]:
+    """Return partners by their names.
+
+    Raises:
+        RobotouilleError: A name is unknown or given twice, a file is invalid, or a scripted partner
+            has no plan.
+    """
+    found = [_partner(name, task) for name in names]
+    twice = {p.name for p in found if [each.name for each in found].count(p.name) > 1}
+    if twice:
+        raise RobotouilleError(
+            f"two partners are called {min(twice)!r}; give each a name of its own"
+        )
+    return found
+
+
+def _partner(name: str, task: Task) -> Partner:
+    if name.endswith(TRAINED):
+        return _trained(Path(name), task)
+    if ":" in name:
+        own = own_policy_maker(name)
+        return Partner(name, lambda state, player, seed: own(state, player))
+    if name == RANDOM:
+        return Partner(name, lambda state, player, seed: RandomPolicy(player, seed))
+    if name == SCRIPTED:
+        plan = _shipped_plan(task)
+        return Partner(name, lambda state, player, seed: LockstepScript(player, plan, state))
+    if name in SKILLS:
+        return _planner(name)
+    known = [RANDOM, SCRIPTED, *SKILLS]
+    raise RobotouilleError(
+        f"unknown partner {name!r}{did_you_mean(name, known)} "
+        f"(possible: {', '.join(known)}, FILE.npz or MODULE:NAME)"
+    )
+
+
+def _trained(path: Path, task: Task) -> Partner:
+    actor = read_actor(path)
+    # Refuse a policy of another kitchen before anything is played.
+    start = World(task).initial
+    TrainedPolicy(actor, start, start.world.players[0])
+    return Partner(path.stem, lambda state, player, seed: TrainedPolicy(actor, state, player, seed))
+
+
+def _planner(skill: str) -> Partner:
+    def make(state: State, player: str, seed: int) -> Policy:
+        policy = policy_maker(BotKind.PLANNER, seed)(state, player)
+        return SkilledPolicy(
+            policy, player, skill_named(skill), step_seconds=STEP_SECONDS, seed=seed
+        )
+
+    return Partner(skill, make)
+
+
+def _shipped_plan(task: Task) -> Plan:
+    if task.problem.shift is not None:
+        raise RobotouilleError("a scripted partner needs a plan, and shifts have none")
+    lines = load_certificate(task).plan
+    if lines is None:
+        raise RobotouilleError(f"a scripted partner needs a plan, and {task.name} has none")
+    return read_plan("\n".join(lines), World(task), task.name)
