@@ -41,6 +41,8 @@ def test_documented_bot_plays_an_episode(tmp_path: Path) -> None:
     ("bot", "message"),
     [
         ("plannr", "unknown bot 'plannr'; did you mean 'planner'? (possible: random, "),
+        ("missing.npz", "missing.npz: cannot be read: No such file or directory"),
+        ("broken.npz", "broken.npz: not a trained policy: "),
         ("no_such:Bot", "no no_such.py in "),
         ("no.such:Bot", "no no/such.py in "),
         ("bots:Curius", "bots.py has no 'Curius'; did you mean 'Curious'?"),
@@ -61,6 +63,7 @@ def test_own_bot_mistakes_are_explained(bot: str, message: str, tmp_path: Path) 
     (tmp_path / "bots.py").write_text(f"{curious}\nnumber = 5\n{alone}{idle}")
     (tmp_path / "needy.py").write_text("import no_such_library\n")
     (tmp_path / "broken.py").write_text("class Bot(:\n")
+    (tmp_path / "broken.npz").write_bytes(b"no archive")
     (tmp_path / "failing.py").write_text("1 / 0\n")
     done = run_bot(tmp_path, bot, "--url", "ws://127.0.0.1:9")
     assert done.returncode == 1

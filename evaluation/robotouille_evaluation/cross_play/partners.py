@@ -91,8 +91,8 @@ def _planner(skill: str) -> Partner:
 
 def _shipped_plan(task: Task) -> Plan:
     if task.problem.shift is not None:
-        raise RobotouilleError("a scripted partner needs a plan, and shifts have none")
+        raise RobotouilleError(f"no plan for a scripted partner: {task.name} is a shift")
     lines = load_certificate(task).plan
     if lines is None:
-        raise RobotouilleError(f"a scripted partner needs a plan, and {task.name} has none")
+        raise RobotouilleError(f"no plan for a scripted partner: the plan of {task.name} is unknown")
     return read_plan("\n".join(lines), World(task), task.name)
