@@ -78,7 +78,7 @@ def test_shift_has_points() -> None:
         (["plannr"], TASK, "unknown partner 'plannr'"),
         (["random", "random"], TASK, "two partners are called 'random'"),
         (["missing.npz"], TASK, "missing.npz: cannot be read"),
-        (["scripted"], "shifts/01_sandwich_bar@2", "no plan for a scripted partner: shifts/01_sandwich_bar is a shift"),
+        (["scripted"], "shifts/01_sandwich_bar@2", "partner: shifts/01_sandwich_bar is a shift"),
         (["random"], "synchronous/01", "needs two seats or more"),
         (["random", "--out", "means.txt"], TASK, "expected a file .csv or .json"),
     ],

@@ -94,5 +94,5 @@ def _shipped_plan(task: Task) -> Plan:
         raise RobotouilleError(f"no plan for a scripted partner: {task.name} is a shift")
     lines = load_certificate(task).plan
     if lines is None:
-        raise RobotouilleError(f"no plan for a scripted partner: the plan of {task.name} is unknown")
+        raise RobotouilleError(f"no plan of {task.name} for a scripted partner")
     return read_plan("\n".join(lines), World(task), task.name)
