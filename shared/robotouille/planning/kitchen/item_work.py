@@ -134,6 +134,7 @@ def add_process_work(
     stops = candidates = returns = 0
     station = state.below[o] - kitchen.objects
     is_on_station = 0 <= station < kitchen.stations
+    is_busy_here = False
     for q in range(kitchen.processes):
         if not goal.wanted_process[q][o] or is_done(kitchen, state, q, o):
             continue
@@ -142,15 +143,20 @@ def add_process_work(
         first = kitchen.prerequisite[q][o]
         waits = first != NONE and not is_done(kitchen, state, first, o)
         only = kitchen.process_class[q]
+        chain = scratch.chain[o]
         if is_on_station and not waits and kitchen.station_class[station] == only:
             returns += add_work_here(kitchen, state, q, o, station, scratch)
+            scratch.stay[o] = scratch.chain[o] - chain
+            is_busy_here = True
             continue
         stops += 1
         scratch.stops[o] |= 1 << only
+        returns += add_work_elsewhere(kitchen, state, q, o, scratch)
         if not waits and scratch.works_here[o] == 0:
             candidates += 1
             scratch.first_stop[o] = only if candidates == 1 else NONE
-        returns += add_work_elsewhere(kitchen, state, q, o, scratch)
+            if not is_busy_here:
+                scratch.stay[o] = scratch.chain[o] - chain
     # After the last delay, nobody needs to return to an item that can stay where it is.
     if not has_place(goal, o):
         returns = max(0, returns - 1)

@@ -49,6 +49,8 @@ class Scratch:
     first_stop: PerObject
     """[object] First of these classes; NONE if it is not determined or the next place is the last.
     """
+    stay: PerObject
+    """[item] Steps of the process at its station, or at its first stop if that is determined."""
     work: PerObject
     """[object] Steps of players that deal with the object."""
     chain: PerObject
@@ -75,6 +77,7 @@ def new_scratch() -> Scratch:
         leaves=[0] * MAX_OBJECTS,
         stops=[0] * MAX_OBJECTS,
         first_stop=[0] * MAX_OBJECTS,
+        stay=[0] * MAX_OBJECTS,
         work=[0] * MAX_OBJECTS,
         chain=[0] * MAX_OBJECTS,
         tail=[0] * MAX_OBJECTS,
@@ -98,6 +101,7 @@ def clear_scratch(kitchen: Kitchen, state: CompactState, scratch: Scratch) -> No
         scratch.leaves[o] = 0
         scratch.stops[o] = 0
         scratch.first_stop[o] = NONE
+        scratch.stay[o] = 0
         scratch.work[o] = 0
         scratch.chain[o] = 0
     for o in range(kitchen.items):
