@@ -336,7 +336,6 @@ class ClientProtocol(Generic[G]):
             self.game.handle_timer(now)
 
     def _game_timer(self) -> float | None:
-        # Actions are repeated only after the missed steps have arrived: those may answer them.
         synced = self.state in (ClientState.SYNCING, ClientState.PLAYING)
         return self.game.get_timer() if synced and self.game is not None else None
 

@@ -344,7 +344,8 @@ class GameReplica:
 
     def get_timer(self) -> float | None:
         """Return when to call `handle_timer`, or None if there is nothing to wait for."""
-        return self._sent.get_timer()
+        # Steps that a lost connection has missed may answer the action.
+        return self._sent.get_timer() if self._catch_up is None else None
 
     def handle_timer(self, now: float) -> None:
         """Queue the actions again that have been unanswered for too long."""

@@ -52,6 +52,8 @@ export class Connection {
     /** @type {WebSocket | null} */
     this.socket = null;
     this.joined = false;
+    /** True if the session has been in the episode. */
+    this.entered = identity.resume !== undefined;
     /** True if the server has continued the earlier session. */
     this.resumed = false;
     this.closed = false;
@@ -163,7 +165,7 @@ export class Connection {
       return;
     }
     if (message.type === "joined") {
-      this.joined = true;
+      this.joined = this.entered = true;
       this.moves = 0;
       clearTimeout(this.timer);
       if (typeof message.resume === "string") this.keep(message.resume);
@@ -174,6 +176,8 @@ export class Connection {
       this.listener.status("online");
       return;
     }
+    // A join that was repeated because only its answer was lost.
+    if (message.type === "error" && message.code === "episode/joined") return;
     this.listener.message(message);
   }
 
@@ -181,8 +185,9 @@ export class Connection {
   welcome(message) {
     this.keep(String(message.resume));
     this.resumed = message.resumed === true;
-    // The answer to a resume continues with `joined`. Otherwise the server has forgotten us.
-    if (!message.resumed) this.socket?.send(JSON.stringify(this.join));
+    // The answer to a resume continues with `joined`. Otherwise the server has forgotten us, or the
+    // join was lost with the last connection.
+    if (!message.resumed || !this.entered) this.socket?.send(JSON.stringify(this.join));
   }
 
   /** @param {string} token */

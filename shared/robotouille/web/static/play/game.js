@@ -79,8 +79,8 @@ export class Game {
     this.sent = null;
     this.skipped = 0;
     this.resyncing = false;
-    /** Step up to which the server sends what this page has missed. */
-    this.catchUp = 0;
+    /** @type {number | null} Step up to which the server sends what this page has missed. */
+    this.catchUp = null;
     this.digest = "";
   }
 
@@ -118,13 +118,19 @@ export class Game {
   /** Send the unanswered action again, at once or when it is due. */
   repeat(atOnce = false) {
     const sent = this.sent;
-    // The missed steps come first: they may have the answer.
-    if (!sent || this.step < this.catchUp) return;
+    if (!sent || this.catchUp !== null) return;
     if (!atOnce && now() - sent.at < REPEAT_SECONDS) return;
     sent.at = now();
     const { action, seq, step } = sent;
     const named = { name: action.name, args: action.args };
     this.send({ type: "act", seq, action: named, basis: step });
+  }
+
+  /** Send the unanswered action again once the missed steps are here: they may have its answer. */
+  caughtUp() {
+    if (this.catchUp === null || this.step < this.catchUp) return;
+    this.catchUp = null;
+    this.repeat(true);
   }
 
   /** Send a chat message. @param {string} text */
@@ -159,9 +165,8 @@ export class Game {
     this.name = message.name ?? "";
     this.seq = Math.max(this.seq, message.seq ?? 0);
     this.resyncing = false;
-    // The deltas up to this step follow; only then is it known what became of an action.
     this.catchUp = message.step ?? 0;
-    if (this.state && this.step >= this.catchUp) this.repeat(true);
+    this.caughtUp();
   }
 
   /** @param {Message} message */
@@ -191,7 +196,7 @@ export class Game {
       this.answer(this.sent, false, [{ kind: "lost" }], []);
     }
     this.emit({ type: "step", jumped });
-    if (this.step >= this.catchUp) this.repeat(true);
+    this.caughtUp();
     if (this.outcome) this.emit({ type: "ended" });
   }
 
@@ -215,7 +220,7 @@ export class Game {
     this.stepAt = now();
     this.settle(message);
     this.emit({ type: "step", jumped: false });
-    if (this.step === this.catchUp) this.repeat(true);
+    this.caughtUp();
   }
 
   /** Read the answer to this page's action. @param {Message} message */
