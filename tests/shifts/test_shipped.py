@@ -56,6 +56,7 @@ def test_bots_serve_most_orders(name: str, seats: int) -> None:
     assert outcome.score.expired <= 1
 
 
+@pytest.mark.slow
 def test_plan_of_a_shift_repeats_its_score() -> None:
     world = World(begun("shifts/01_sandwich_bar", 1))
     plan, last = play_shift(world)

@@ -72,15 +72,16 @@ def test_orders_expire_after_an_agent_has_given_up(tmp_path: Path) -> None:
     assert row.score.points < 0 and row.score.expired > 5
 
 
+@pytest.mark.slow
 def test_planner_alone_has_the_whole_score(tmp_path: Path) -> None:
     row, recording = play(tmp_path, STAND, 1, agent("planner"))
     assert score_share(row) == 1
     assert recording.verify().identical
 
 
-# The first one takes a second.
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "seats"), quick_sample(sorted(SHIFTS, key=lambda s: s != (STAND, 1)), 1, 4)
+    ("name", "seats"), quick_sample(sorted(SHIFTS, key=lambda s: s != (STAND, 1)), 0, 4)
 )
 def test_planner_bots_earn_the_points_in_the_file(name: str, seats: int) -> None:
     world = World(load_task(name, seats=seats))
