@@ -236,3 +236,30 @@ def test_truncated_plan_is_not_ok() -> None:
     assert replay(cut, world).reached_at is None
     swapped = type(plan)((plan.steps[1], plan.steps[0], *plan.steps[2:]))
     assert replay(swapped, world).rejection is not None
+
+
+# The first ones take few expansions. The others take up to minutes in plain Python.
+TEAMS = (
+    *("01@2", "04@2", "05@2", "01@3", "02@2", "04@3", "02@3", "05@3", "03@2", "07@2"),
+    *("09@2", "07@3", "08@3", "06@3", "01@4", "04@4", "06@4", "02@4", "05@4", "08@2"),
+)
+
+
+def team_certificate(name: str) -> tuple[Task, Certificate]:
+    """Return a team's task and certificate, by the task's number and the seats."""
+    found = dataset("multi_agent")
+    instance = next(i for i in found.instances if name == f"{i.file[:2]}@{i.seats}")
+    return found.task(instance), found.certificate(instance)
+
+
+def test_ten_certificates_of_teams_are_valid() -> None:
+    for name in TEAMS[:10]:
+        task, found = team_certificate(name)
+        assert found.optimal
+        assert check(found, task) == []
+
+
+@pytest.mark.parametrize("name", quick_sample(TEAMS, 4, nightly=14))
+def test_bounds_of_teams_are_proven_again(name: str) -> None:
+    task, found = team_certificate(name)
+    assert prove_again(found, task, solve, found.limits.limits())
