@@ -285,9 +285,7 @@ class TestEpisodes:
     async def test_any_node_lists_and_sends_the_recordings_of_all(self, tmp_path: Path) -> None:
         async with lab(tmp_path) as at:
             asked = at.asked
-            await asked.post(
-                "/api/episodes", count=5, create={"task": TASK, "labels": {"a": "b"}}
-            )
+            await asked.post("/api/episodes", count=5, create={"task": TASK, "labels": {"a": "b"}})
             for room in [room for node in at.nodes for room in node.server.lobby.rooms.values()]:
                 room.abort("late")
             await asyncio.sleep(2)  # The recordings are stored.

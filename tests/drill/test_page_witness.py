@@ -1,4 +1,4 @@
-"""What the drill concludes from the frames of a person's pages."""
+"""The drill's evidence from the frames of a person's pages."""
 
 from __future__ import annotations
 

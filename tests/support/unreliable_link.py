@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import fcntl
 import heapq
+import math
 import os
 import random
 import selectors
@@ -37,7 +38,8 @@ class UnreliableLink:
     """Unreliable link: `prefix` runs a command behind it, where it listens at `address`.
 
     Each packet takes `delay` seconds plus up to `jitter` seconds. `loss` is the share of lost
-    packets. `carried` and `lost` count packets.
+    packets. Each direction carries `rate` bytes a second. `carried` and `lost` count packets;
+    `received` counts the bytes that came from behind the link.
     """
 
     prefix: tuple[str, ...]
@@ -45,9 +47,12 @@ class UnreliableLink:
     delay: float
     jitter: float
     loss: float
+    rate: float
     dice: random.Random
     carried: int = 0
     lost: int = 0
+    received: int = 0
+    _free: dict[int, float] = field(default_factory=dict)
     _late: list[tuple[float, int, int, bytes]] = field(default_factory=list)
 
     def carry(self, one: int, other: int, stop: threading.Event) -> None:
@@ -58,7 +63,9 @@ class UnreliableLink:
             while not stop.is_set():
                 wait = self._late[0][0] - time.monotonic() if self._late else 0.05
                 for key, _ in ready.select(max(0.0, min(0.05, wait))):
-                    self._take(os.read(key.fd, MTU + 100), key.data)
+                    packet = os.read(key.fd, MTU + 100)
+                    self.received += len(packet) if key.fd == other else 0
+                    self._take(packet, key.data)
                 while self._late and self._late[0][0] <= time.monotonic():
                     _, _, device, packet = heapq.heappop(self._late)
                     os.write(device, packet)
@@ -68,13 +75,20 @@ class UnreliableLink:
             self.lost += 1
             return
         self.carried += 1
-        due = time.monotonic() + self.delay + self.dice.random() * self.jitter
+        begun = max(time.monotonic(), self._free.get(device, 0.0))
+        self._free[device] = begun + len(packet) / self.rate
+        due = self._free[device] + self.delay + self.dice.random() * self.jitter
         heapq.heappush(self._late, (due, self.carried, device, packet))
 
 
 @contextmanager
 def unreliable_link(
-    *, delay: float = 0.0, jitter: float = 0.0, loss: float = 0.0, seed: int = 0
+    *,
+    delay: float = 0.0,
+    jitter: float = 0.0,
+    loss: float = 0.0,
+    rate: float = math.inf,
+    seed: int = 0,
 ) -> Iterator[UnreliableLink]:
     """Create a link for the duration of the context.
 
@@ -95,7 +109,7 @@ def unreliable_link(
         _up(near, HERE, THERE)
         _up(far, THERE, HERE, inside)
         _do(*inside, "ip", "link", "set", "lo", "up")
-        link = UnreliableLink(inside, THERE, delay, jitter, loss, random.Random(seed))
+        link = UnreliableLink(inside, THERE, delay, jitter, loss, rate, random.Random(seed))
         carrying = threading.Thread(target=link.carry, args=(*devices, stop), daemon=True)
         carrying.start()
         try:

@@ -330,7 +330,7 @@ def _of_player(actions: Sequence[GroundAction]) -> list[GroundAction]:
 
 
 def _copy_of(game: GameReplica) -> dict[str, Any]:
-    (unanswered,) = [act.seq for act in game.unanswered] or [None]
+    unanswered = next((act.seq for act in game.unanswered), None)
     return {
         "step": game.step, "phase": game.phase, "seq": game._sent.seq,
         "outcome": game.outcome, "unanswered": unanswered,

@@ -52,7 +52,7 @@ def compare(seed: int) -> set[str]:
         assert page["chat"] == python["chat"], where
         if python["game"] is not None:
             assert page["game"] == python["game"], where
-        types |= {each.type for each in sent}
+        types |= {each["type"] for each in page["sent"]}
     late = superseded(pages)
     assert results(pages, late) == results([python for _, python in rows], late), f"seed {seed}"
     return types

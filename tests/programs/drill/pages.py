@@ -44,7 +44,7 @@ STUCK_SECONDS = 120.0
 NO_ANSWER = ("net::ERR", "chrome-error")
 """Words of errors of a browser that finds no server, or has just failed to."""
 
-# What a person sees who glances at the page.
+# Returns the parts of the page that a person looks at.
 GLANCE = """(() => {
   const shown = (id) => document.getElementById(id)?.checkVisibility() ?? false;
   const button = document.querySelector("#cover:not([hidden]) button.main");
@@ -71,7 +71,7 @@ LATER = "((real) => { Date.now = () => real() + 600_000; })(Date.now)"
 
 
 class Accident(StrEnum):
-    """What happens to a page."""
+    """Event that a page has to survive."""
 
     RELOADED = "reloaded"
     CLOSED = "closed"
@@ -92,7 +92,7 @@ def accidents(seed: int, game: int) -> dict[str, Accident]:
 
 
 class Devices:
-    """A computer and a phone, of which one shows the person's link at a time.
+    """A computer and a phone; one of them shows the person's link.
 
     Args:
         witness: Sees the connections of both.
