@@ -83,6 +83,28 @@ def test_curves_have_means_and_intervals_over_seeds(tmp_path: Path) -> None:
     assert (second["mean"], second["seeds"]) == ("0.5000", "2")
 
 
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["no_such@2"], "no_such"),
+        (["training/03@2", "--algorithms", "ippo,qmix"], "unknown algorithm 'qmix'"),
+        (["training/03@2", "--minibatches", "3"], "must be a multiple of minibatches, 3"),
+        (["training/03@2", "--copies", "0"], "start at 1"),
+        (["shifts/06_rush_hour@2"], "does not support shifts in which objects are created"),
+    ],
+)
+def test_wrong_requests_get_one_line(
+    words: list[str], why: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from robotouille_jax.learning.__main__ import main
+
+    assert main([*words, "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert why in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.slow
 def test_a_short_run_writes_curves_and_weights(tmp_path: Path) -> None:
     from robotouille_jax.learning.__main__ import main

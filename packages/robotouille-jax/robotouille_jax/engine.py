@@ -6,6 +6,8 @@ true. Effects are updated as in `robotouille.batch.step_kernels`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -86,7 +88,7 @@ class JaxEngine:
         self._creates, self._deletes = CREATION in kinds, DELETION in kinds
         world = rules.world
         self._shift = None if world.shift is None else JaxShift(rules, world.shift, t.mentions)
-        self._progress = progress_of(rules.goal, len(rules.encoding.atoms))
+        self._rules = rules
         self._any_born = any(o.born for node in rules.nodes for o in node.outcomes)
         self.initial = CopyState(
             atoms=t.initial,
@@ -97,6 +99,11 @@ class JaxEngine:
             overflowed=jnp.zeros((), bool),
             orders=None if self._shift is None else self._shift.initial,
         )
+
+    @cached_property
+    def _progress(self) -> Callable[[Array], Array]:
+        # Large goals take a while, and only shaped rewards need this.
+        return progress_of(self._rules.goal, len(self._rules.encoding.atoms))
 
     def step(self, state: CopyState, actions: Array) -> tuple[CopyState, CopyStep]:
         """Apply the players' actions in the order of their seats, then let time pass.
@@ -149,7 +156,8 @@ class JaxEngine:
         """Return minus the share of goal conditions that do not hold, for shaped rewards.
 
         The variables of the goal stand for the objects for which most conditions hold; see
-        `goal_progress`. The potential is 0 in states with the goal.
+        `goal_progress`. The potential is 0 in states with the goal. In a shift, it rises by 1 with
+        each served order.
         """
         if self._shift is not None and state.orders is not None:
             return self._shift.potential(state.atoms, state.orders)

@@ -26,9 +26,8 @@ ALGORITHMS = ("ippo", "mappo")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Train runs of both algorithms side by side; write curves, weights and a picture."""
     asked = _parser().parse_args(arguments)
-    config = Config(**{field.name: getattr(asked, field.name) for field in fields(Config)})
     try:
-        train(asked, config)
+        train(asked, Config(**{field.name: getattr(asked, field.name) for field in fields(Config)}))
     except RobotouilleError as error:
         print(f"robotouille-train: {error}", file=sys.stderr)
         return 2
@@ -39,8 +38,8 @@ def train(asked: argparse.Namespace, config: Config) -> None:
     """Train on a task and write the results into the folder `asked.out`."""
     world = World(asked.task)
     horizon = asked.horizon if world.shift is None else world.shift.steps
-    environment = TeamEnvironment(world, horizon, config.gamma, asked.shaping)
-    algorithms = [name for name in ALGORITHMS if name in asked.algorithms]
+    environment = TeamEnvironment(world, horizon, asked.shaping)
+    algorithms = _algorithms(asked.algorithms)
     runs = len(algorithms) * asked.seeds
     keys = jax.vmap(jax.random.key)(jnp.arange(runs) % asked.seeds)
     central = jnp.array([name == "mappo" for name in algorithms for _ in range(asked.seeds)])
@@ -64,6 +63,16 @@ def train(asked: argparse.Namespace, config: Config) -> None:
         f"{runs * steps / seconds:.0f} steps/s"
     )
     _write(asked, world, environment, config, networks, _first(curve, updates), algorithms)
+
+
+def _algorithms(text: str) -> list[str]:
+    found = [name.strip() for name in text.split(",")]
+    wrong = [name for name in found if name not in ALGORITHMS]
+    if wrong:
+        raise RobotouilleError(
+            f"--algorithms: unknown algorithm {wrong[0]!r} (possible: {', '.join(ALGORITHMS)})"
+        )
+    return found
 
 
 def _first(curve: Curve, updates: int) -> Curve:
@@ -98,14 +107,21 @@ def _write(
         draw(asked.out / f"{stem}_curves.png", [table])
 
 
+def _positive(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"expected at least 1, found {text}")
+    return number
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser("robotouille-train", description=main.__doc__)
     parser.add_argument("task", help="a task with its seats, as in training/03@2")
     parser.add_argument("--out", type=Path, required=True, help="folder for the results")
     parser.add_argument("--algorithms", default="ippo,mappo", help="ippo, mappo or both")
-    parser.add_argument("--seeds", type=int, default=5, help="runs of each algorithm")
-    parser.add_argument("--horizon", type=int, default=60, help="longest episode")
-    parser.add_argument("--shaping", type=float, default=1.0, help="weight of the shaped reward")
+    parser.add_argument("--seeds", type=_positive, default=5, help="runs of each algorithm")
+    parser.add_argument("--horizon", type=_positive, default=50, help="longest episode")
+    parser.add_argument("--shaping", type=float, default=1.0, help="weight of rewards for progress")
     parser.add_argument("--seconds", type=float, help="take fewer rollouts to need at most this")
     parser.add_argument("--no-picture", action="store_true", help="do without Matplotlib")
     for field in fields(Config):

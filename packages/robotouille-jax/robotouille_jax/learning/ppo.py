@@ -14,14 +14,19 @@ import jax
 import jax.numpy as jnp
 import optax
 
+from robotouille.errors import WrongArgumentError
 from robotouille_jax.learning.network import Layers, Networks, networks, output
 from robotouille_jax.learning.team_environment import Copies, Outcome, Seen, TeamEnvironment
 from robotouille_jax.padded import Array
 
+PRIMES = (1013, 2027, 4051, 7919)
+MAX_ROLLOUT = 2**32 // max(PRIMES)
+"""Largest number of steps of a rollout. More steps could not be mixed with 32-bit numbers."""
+
 
 @dataclass(frozen=True)
 class Config:
-    """Hyperparameters.
+    """Hyperparameters. The defaults suit a CPU; GPUs can play far more copies.
 
     Attributes:
         copies: Copies of the task that a run plays at once.
@@ -37,17 +42,41 @@ class Config:
         entropy: First weight of the entropy bonus, which falls to 0.
     """
 
-    copies: int = 256
-    rollout: int = 32
-    updates: int = 200
-    epochs: int = 4
-    minibatches: int = 4
-    hidden: int = 128
+    copies: int = 32
+    rollout: int = 16
+    updates: int = 600
+    epochs: int = 3
+    minibatches: int = 2
+    hidden: int = 64
     rate: float = 1e-3
     gamma: float = 0.97
     lam: float = 0.95
     clip: float = 0.2
     entropy: float = 0.02
+
+    def __post_init__(self) -> None:
+        """Check the sizes.
+
+        Raises:
+            WrongArgumentError: They do not fit.
+        """
+        sizes = (
+            self.copies,
+            self.rollout,
+            self.updates,
+            self.epochs,
+            self.minibatches,
+            self.hidden,
+        )
+        if min(sizes) < 1:
+            raise WrongArgumentError("sizes and numbers of updates, epochs and parts start at 1")
+        if self.copies * self.rollout % self.minibatches:
+            raise WrongArgumentError(
+                f"copies times rollout, {self.copies * self.rollout}, must be a multiple of "
+                f"minibatches, {self.minibatches}"
+            )
+        if self.copies * self.rollout > MAX_ROLLOUT:
+            raise WrongArgumentError(f"copies times rollout must be at most {MAX_ROLLOUT}")
 
 
 class Curve(NamedTuple):
@@ -221,9 +250,6 @@ class _Trainer:
         logs = jax.nn.log_softmax(values)
         entropy = -jnp.sum(jnp.exp(logs) * jnp.where(masks, logs, 0.0), axis=-1).mean()
         return policy + 0.5 * value - self._config.entropy * left * entropy
-
-
-PRIMES = (1013, 2027, 4051, 7919)
 
 
 def _shuffled(size: int, key: Array) -> Array:

@@ -47,7 +47,7 @@ class Outcome(NamedTuple):
         goal: True if the goal was reached.
         steps: Steps of the episode so far.
         score: Sum of the episode's rewards without shaping.
-        progress: Share of the goal's conditions that hold.
+        progress: Share of the goal's conditions that hold; not a number without shaping.
     """
 
     reward: Array
@@ -65,8 +65,7 @@ class TeamEnvironment:
     Args:
         world: The world.
         horizon: Longest episode.
-        gamma: Discount of the shaped reward.
-        shaping: Weight of the shaped reward; 0 leaves the sparse one.
+        shaping: Weight of the rewards for progress; 0 leaves the sparse reward.
 
     Attributes:
         inputs: Length of an input of the networks.
@@ -74,10 +73,10 @@ class TeamEnvironment:
         seats: Number of seats.
     """
 
-    def __init__(self, world: World, horizon: int, gamma: float, shaping: float) -> None:
+    def __init__(self, world: World, horizon: int, shaping: float) -> None:
         batch = JaxBatch(world, 1)
         self._engine = engine = batch.engine
-        self.horizon, self._gamma, self._shaping = horizon, gamma, shaping
+        self.horizon, self._shaping = horizon, shaping
         self.views = views(batch.encoding, world.players)
         self.seats = len(world.players)
         self.inputs = batch.vector_size + self.seats
@@ -123,18 +122,15 @@ class TeamEnvironment:
         time, score = copies.time + 1, copies.score + result.rewards
         terminated = result.terminated | result.overflowed
         ended = terminated | (time >= self.horizon)
-        # The potential of an end is 0, so that shaping does not change which policy is best.
-        reached = self._potential(states)
-        potential = jnp.where(terminated, 0.0, reached)
-        shaped = self._gamma * potential - self._potential(copies.states)
+        shaped, progress = self._shaped(copies.states, states)
         outcome = Outcome(
-            result.rewards / self._unit + self._shaping * shaped,
+            result.rewards / self._unit + shaped,
             terminated,
             ended,
             result.terminated,
             time,
             score,
-            1 + reached,
+            progress,
         )
         new = self.start(len(time))
         chosen = jax.tree.map(
@@ -145,6 +141,16 @@ class TeamEnvironment:
             Copies(states, time, score),
         )
         return chosen, outcome, self.seen(states)
+
+    def _shaped(self, before: CopyState, after: CopyState) -> tuple[Array, Array]:
+        """Return the rewards for progress, and the share of conditions that hold."""
+        if not self._shaping:
+            zero = jnp.zeros(len(after.overflowed))
+            return zero, zero + jnp.nan
+        # The potential is not discounted. Discounted, it adds the same to the return of every
+        # policy, so policies that do not reach the goal yet learn nothing from it.
+        reached = self._potential(after)
+        return self._shaping * (reached - self._potential(before)), 1 + reached
 
     def _mask(self, states: CopyState, seat: int) -> Array:
         mask = jax.vmap(self._engine.mask, in_axes=(0, None))(states, seat)
