@@ -69,7 +69,7 @@ def test_shift_has_points() -> None:
         "random", "--episodes", "1", task="shifts/01_sandwich_bar@2"
     )  # fmt: skip
     assert result.exit_code == 0, result.output
-    assert result.output.startswith("points")
+    assert result.stdout.startswith("points")
 
 
 @pytest.mark.parametrize(

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from robotouille.errors import RobotouilleError
 from robotouille.terminal import options_from, printable, tell
 from robotouille_client.console import failing
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from robotouille_evaluation.cross_play.matrix import CrossEpisode
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,8 +70,13 @@ def cross_play(
     population = partners_named(partners, loaded)
     shift = loaded.problem.shift
     most = options.max_steps if shift is None else shift.steps * loaded.profile.delay_factor
-    played = play_pairs(loaded, population, options.episodes, options.seed, most)
     names, measures = [each.name for each in population], measures_of(loaded)
+
+    def show(pair: Sequence[CrossEpisode]) -> None:
+        found = ", ".join(f"{m.name} {m.text(m.estimate(pair))}" for m in measures)
+        tell(printable(f"{pair[0].first} with {pair[0].other}: {found}"), err=True)
+
+    played = play_pairs(loaded, population, options.episodes, options.seed, most, show)
     for measure in measures:
         tell(printable(text_table(played, names, measure)) + "\n")
     if options.out is not None:

@@ -8,6 +8,7 @@ import io
 import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
+from itertools import product
 
 from robotouille.domain.task import Task
 from robotouille.html_report.intervals import Interval, wilson_interval
@@ -82,36 +83,45 @@ def play_pairs(
     episodes: int,
     seed: int,
     max_steps: int,
-    watch: Callable[[int], None] = lambda count: None,
+    watch: Callable[[Sequence[CrossEpisode]], None] = lambda played: None,
 ) -> list[CrossEpisode]:
     """Play all ordered pairs, also each partner with itself.
 
     A pair's episodes depend on its two partners and the seed only, not on the others.
+
+    Args:
+        watch: Function that is called with the episodes of each pair.
     """
     played = []
-    for first in partners:
-        for other in partners:
-            for number in range(episodes):
-                own = _seed(seed, first.name, other.name, number)
-                played.append(_play(task, first, other, own, max_steps))
-                watch(len(played))
+    for first, other in product(partners, repeat=2):
+        start = _seed(seed, first.name, other.name)
+        own = _play(World(task), (first, other), range(start, start + episodes), max_steps)
+        played += own
+        watch(own)
     return played
 
 
-def _seed(seed: int, first: str, other: str, number: int) -> int:
-    text = json.dumps([seed, first, other, number])
+def _seed(seed: int, first: str, other: str) -> int:
+    text = json.dumps([seed, first, other])
     return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=4).digest())
 
 
-def _play(task: Task, first: Partner, other: Partner, seed: int, max_steps: int) -> CrossEpisode:
-    world = World(task)
-    # The seats draw different numbers: otherwise two copies of a policy would make the same slips.
-    policies = {
-        player: (other if seat else first).make(world.initial, player, seed + seat)
-        for seat, player in enumerate(world.players)
-    }
-    plan, last = play_in_lockstep(world.initial, policies, max_steps)
-    return CrossEpisode(first.name, other.name, seed, last.goal_reached, len(plan), _score(last))
+def _play(
+    world: World, partners: tuple[Partner, Partner], seeds: Sequence[int], max_steps: int
+) -> list[CrossEpisode]:
+    first, other = partners
+    makers = first.maker(seeds[0]), other.maker(seeds[0])
+    found = []
+    for seed in seeds:
+        # The seats draw different numbers: otherwise two copies of a policy make the same slips.
+        policies = {
+            player: makers[seat > 0](world.initial, player, seed * len(world.players) + seat)
+            for seat, player in enumerate(world.players)
+        }
+        plan, last = play_in_lockstep(world.initial, policies, max_steps)
+        goal, steps = last.goal_reached, len(plan)
+        found.append(CrossEpisode(first.name, other.name, seed, goal, steps, _score(last)))
+    return found
 
 
 def _score(state: State) -> float:

@@ -29,10 +29,20 @@ five times as many steps, five steps take a second."""
 
 @dataclass(frozen=True)
 class Partner:
-    """A member of the population."""
+    """A member of the population.
+
+    Attributes:
+        maker: Returns the function that makes the policies of one pair's episodes, from a seed.
+            Policies of one function may share what they learn of the kitchen.
+    """
 
     name: str
-    make: MakePartner
+    maker: Callable[[int], MakePartner]
+
+    @classmethod
+    def simple(cls, name: str, make: MakePartner) -> Partner:
+        """Return a partner whose policies share nothing."""
+        return cls(name, lambda seed: make)
 
 
 def partners_named(names: Sequence[str], task: Task) -> list[Partner]:
@@ -56,12 +66,12 @@ def _partner(name: str, task: Task) -> Partner:
         return _trained(Path(name), task)
     if ":" in name:
         own = own_policy_maker(name)
-        return Partner(name, lambda state, player, seed: own(state, player))
+        return Partner.simple(name, lambda state, player, seed: own(state, player))
     if name == RANDOM:
-        return Partner(name, lambda state, player, seed: RandomPolicy(player, seed))
+        return Partner.simple(name, lambda state, player, seed: RandomPolicy(player, seed))
     if name == SCRIPTED:
         plan = _shipped_plan(task)
-        return Partner(name, lambda state, player, seed: LockstepScript(player, plan, state))
+        return Partner.simple(name, lambda state, player, seed: LockstepScript(player, plan, state))
     if name in SKILLS:
         return _planner(name)
     known = [RANDOM, SCRIPTED, *SKILLS]
@@ -76,17 +86,23 @@ def _trained(path: Path, task: Task) -> Partner:
     # Refuse a policy of another kitchen before anything is played.
     start = World(task).initial
     TrainedPolicy(actor, start, start.world.players[0])
-    return Partner(path.stem, lambda state, player, seed: TrainedPolicy(actor, state, player, seed))
+    return Partner.simple(
+        path.stem, lambda state, player, seed: TrainedPolicy(actor, state, player, seed)
+    )
 
 
 def _planner(skill: str) -> Partner:
-    def make(state: State, player: str, seed: int) -> Policy:
-        policy = policy_maker(BotKind.PLANNER, seed)(state, player)
-        return SkilledPolicy(
-            policy, player, skill_named(skill), step_seconds=STEP_SECONDS, seed=seed
-        )
+    def maker(pair_seed: int) -> MakePartner:
+        # The analysis of a kitchen takes seconds, so the episodes of a pair share it.
+        plan = policy_maker(BotKind.PLANNER, pair_seed)
 
-    return Partner(skill, make)
+        def make(state: State, player: str, seed: int) -> Policy:
+            policy, limits = plan(state, player), skill_named(skill)
+            return SkilledPolicy(policy, player, limits, step_seconds=STEP_SECONDS, seed=seed)
+
+        return make
+
+    return Partner(skill, maker)
 
 
 def _shipped_plan(task: Task) -> Plan:
