@@ -49,6 +49,7 @@ def test_matrix_has_all_pairs_with_intervals(tmp_path: Path) -> None:
     assert 0.5 < float(own["low"]) < 0.52  # Wilson's interval of 4 successes in 4
     assert float(rows["scripted", "idle", "success (%)"]["mean"]) == 0
     assert float(rows["idle", "idle", "steps"]["mean"]) == 30
+    assert result.stdout.splitlines()[0].split() == ["success", "(%)", "scripted", "idle"]
     assert "with itself: 50 (" in result.output
     assert "with others: 0 (0–" in result.output
 

@@ -78,7 +78,9 @@ def cross_play(
 
     played = play_pairs(loaded, population, options.episodes, options.seed, most, show)
     for measure in measures:
-        tell(printable(text_table(played, names, measure)) + "\n")
+        for line in text_table(played, names, measure).splitlines():
+            tell(printable(line))
+        tell("")
     if options.out is not None:
         is_csv = options.out.suffix == ".csv"
         text = csv_text(played, names, measures) if is_csv else json_text(
