@@ -1,6 +1,6 @@
-"""Measure the browser client: its first picture, frames, steps, memory, and its cost to rooms.
+"""Measure the browser client: its first picture, frames, steps, memory, replays, cost to rooms.
 
-python -m benchmarks.page [--parts load play rooms]
+python -m benchmarks.page [--parts load play replay rooms]
 
 The first pictures pass through a link of 100 ms and 10 Mbit/s that this program simulates: new TCP
 connections take a round trip, and all connections share the bandwidth. Frames are drawn in
@@ -34,10 +34,13 @@ import psutil
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.viewer import long_recording
 from benchmarks.window import course
 from robotouille.episode import Clock
 from robotouille.protocol import messages
 from robotouille.protocol.states import StateWriter
+from robotouille.replay.recording import recording_of
+from robotouille.web.recording_page import replay_page
 from robotouille_server import Server, ServerSettings, serve
 from robotouille_server.runtime.logs import configure_logs
 
@@ -349,15 +352,17 @@ async def measure_game(browser: Any, server: Server, seconds: float, hour: int) 
 
 async def _task_time(tools: Any, page: Any, work: str) -> float:
     """Return the milliseconds of processor time that the page takes for some work."""
-
-    async def spent() -> float:
-        metrics = (await tools.send("Performance.getMetrics"))["metrics"]
-        return float(next(each["value"] for each in metrics if each["name"] == "TaskDuration"))
-
     await tools.send("Performance.enable", {"timeDomain": "threadTicks"})
-    before = await spent()
+    before = await _processor_time(tools)
     await page.evaluate(work)
-    return 1000 * (await spent() - before)
+    return await _processor_time(tools) - before
+
+
+async def _processor_time(tools: Any) -> float:
+    """Return the milliseconds of processor time that the page has taken so far."""
+    metrics = (await tools.send("Performance.getMetrics"))["metrics"]
+    seconds = next(each["value"] for each in metrics if each["name"] == "TaskDuration")
+    return 1000 * float(seconds)
 
 
 async def _heap(tools: Any) -> float:
@@ -367,6 +372,45 @@ async def _heap(tools: Any) -> float:
 
 def _share(ordered: Sequence[float], share: float) -> float:
     return ordered[min(len(ordered) - 1, int(len(ordered) * share))]
+
+
+# Replay
+
+SEEKS = 200
+SEEK = f"""
+for (let i = 0; i < {SEEKS}; i += 1) {{
+  robotouille.player.seek(Math.floor(Math.random() * robotouille.player.end));
+  robotouille.frame(performance.now() / 1000);
+}}
+"""
+"""Seeks and draws random steps."""
+
+
+async def measure_replay(browser: Any, steps: int) -> list[Row]:
+    """Open the page of a long recording of four players from disk."""
+    recording = recording_of(long_recording(steps), "the long recording")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "replay.html"
+        path.write_text(replay_page([("", recording)]), encoding="utf-8")
+        size = path.stat().st_size
+        context = await browser.new_context(viewport=SIZE, bypass_csp=True)
+        page = await context.new_page()
+        tools = await context.new_cdp_session(page)
+        await tools.send("Performance.enable", {"timeDomain": "threadTicks"})
+        await page.goto(path.as_uri())
+        await page.wait_for_function("globalThis.robotouille?.readyAt", timeout=60_000)
+        opened = await _processor_time(tools)
+        ready = await page.evaluate("robotouille.readyAt")
+        seek = await _task_time(tools, page, SEEK) / SEEKS
+        await context.close()
+    most = 300 * 1024 + 20 * steps
+    return [
+        Row(f"page of {steps:,} steps, to the first picture", f"{ready:,.0f} ms"),
+        Row("processor time of it", f"{opened:,.0f} ms", "< 1,000 ms", opened < 1000),
+        Row("processor time to seek and draw", f"{seek:.1f} ms", "< 50 ms", seek < 50),
+        Row("size of the page", f"{size / 1024:,.0f} KiB", f"≤ {most / 1024:,.0f} KiB",
+            size <= most),
+    ]  # fmt: skip
 
 
 # Rooms
@@ -518,11 +562,12 @@ async def measured(part: Callable[[Any, Server], Awaitable[list[Row]]]) -> list[
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the results with their targets."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parts = ("load", "play", "rooms")
+    parts = ("load", "play", "replay", "rooms")
     parser.add_argument("--parts", nargs="+", choices=parts, default=parts)
     parser.add_argument("--times", type=int, default=5, help="page loads through the link")
     parser.add_argument("--seconds", type=float, default=10.0, help="of each measurement")
     parser.add_argument("--hour", type=int, default=HOUR, help="steps of the memory's measurement")
+    parser.add_argument("--steps", type=int, default=10_000, help="steps of the replay")
     parser.add_argument("--rooms", type=int, default=100)
     parser.add_argument("--rate", type=float, default=2.0, help="page loads a second")
     options = parser.parse_args(arguments)
@@ -536,6 +581,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         rows += asyncio.run(
             measured(lambda b, s: measure_game(b, s, options.seconds, options.hour))
         )
+    if "replay" in options.parts:
+        rows += asyncio.run(measured(lambda b, _: measure_replay(b, options.steps)))
     if "rooms" in options.parts:
         rows += asyncio.run(measure_rooms(options.rooms, options.seconds, 3, options.rate))
     table = Table(title="The page in a browser", title_justify="left")
