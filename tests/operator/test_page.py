@@ -276,18 +276,37 @@ async def test_ticked_or_all_matching_recordings_are_one_download(
                 await page.get_by_role("button", name="Sign in").click()
             await page.get_by_role("tab", name="Recordings").click()
             bar = page.locator(".archive")
-            await expect(bar).to_have_text("Download all 4 recordings")
+            await expect(bar.get_by_role("link")).to_have_text("Download all 4 recordings")
             assert _archived(await _downloaded(page, bar)) == files[::-1]
             await page.get_by_label("Search").fill("soup")
-            await expect(bar).to_have_text("Download all 3 recordings")
+            await expect(bar.get_by_role("link")).to_have_text("Download all 3 recordings")
             assert _archived(await _downloaded(page, bar)) == files[2::-1]
             for name in (files[0], files[2]):
                 await page.get_by_label(f"Select {name}").check()
-            await expect(bar).to_have_text("Download 2 recordings")
+            await expect(bar.get_by_role("link")).to_have_text("Download 2 recordings")
             assert _archived(await _downloaded(page, bar)) == [files[2], files[0]]
             await page.get_by_label("Search").fill("")
             await page.get_by_label(f"Select {files[2]}").uncheck()
-            await expect(bar).to_have_text("Download 1 recording")
+            await expect(bar.get_by_role("link")).to_have_text("Download 1 recording")
+
+
+async def test_ticked_recordings_stay_ticked_on_other_pages(browser: Any, tmp_path: Path) -> None:
+    files = [f"20250101T0000{n:02}Z_soup_{n}.rbt" for n in range(51)]
+    for name in files:
+        (tmp_path / name).write_bytes(name.encode())
+    async with viewing(tmp_path) as (_, port, _), browser_page(browser, port.url) as page:
+        await page.get_by_role("tab", name="Recordings").click()
+        bar = page.locator(".archive")
+        await page.get_by_label(f"Select {files[-1]}").check()
+        await page.get_by_role("button", name="Next").click()
+        await expect(bar).to_contain_text("1 selected on other pages")
+        await page.get_by_label(f"Select {files[0]}").check()
+        assert _archived(await _downloaded(page, bar)) == [files[-1], files[0]]
+        await page.get_by_role("button", name="Previous").click()
+        await expect(page.get_by_label(f"Select {files[-1]}")).to_be_checked()
+        await page.get_by_role("button", name="Clear selection").click()
+        await expect(page.get_by_label(f"Select {files[-1]}")).not_to_be_checked()
+        await expect(bar.get_by_role("link")).to_have_text("Download all 51 recordings")
 
 
 async def test_names_are_never_markup(browser: Any, tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ function when(created) {
   return time.toLocaleString(undefined, { dateStyle: "medium", timeStyle: "short" });
 }
 
-function recording(row, ticked) {
+function recording(row, checked, ticked) {
   const code = h("span", { class: "code" });
   const title = h("b");
   const name = h("span", { class: "name" });
@@ -32,7 +32,7 @@ function recording(row, ticked) {
   const shownLabels = labelRows(labels);
   const outcome = h("span", { class: "phase" });
   const figures = h("span", { class: "figures" });
-  const tick = h("input", { type: "checkbox", onchange: (event) => ticked(row.name, event.target.checked) });
+  const tick = h("input", { type: "checkbox", checked, onchange: (event) => ticked(row.name, event.target.checked) });
   const save = h("a", {
     class: "button", href: `api/recordings/${row.name}`, download: row.name,
     onclick: (event) => attempt(() => download(event)),
@@ -67,9 +67,10 @@ export class Recordings {
     this.archive = h("a", {
       class: "button", download: "recordings.tar", onclick: (event) => attempt(() => download(event)),
     }, icon("save"), h("span"));
-    this.bar = h("div", { class: "archive" }, this.words, this.archive);
+    this.clear = h("button", { class: "button", type: "button", onclick: () => this.untick(list) }, "Clear selection");
+    this.bar = h("div", { class: "archive" }, this.words, this.clear, this.archive);
     root.append(this.bar, list, this.empty);
-    this.rows = new Rows(list, (row) => row.name, (row) => recording(row, (name, on) => this.tick(name, on)));
+    this.rows = new Rows(list, (row) => row.name, (row) => recording(row, this.ticked.has(row.name), (name, on) => this.tick(name, on)));
   }
 
   tick(name, on) {
@@ -78,24 +79,33 @@ export class Recordings {
     this.updateArchive();
   }
 
+  // Ticks stay while other pages of the list are shown.
+  untick(list) {
+    this.ticked.clear();
+    for (const tick of list.querySelectorAll("input")) tick.checked = false;
+    this.updateArchive();
+  }
+
   // One file with the ticked recordings, or with all that match the search.
   updateArchive() {
     const count = this.ticked.size || this.found;
     const query = new URLSearchParams(this.ticked.size ? [...this.ticked].map((name) => ["name", name]) : { search: this.search });
-    this.bar.hidden = this.found < 2;
+    this.bar.hidden = this.found < 2 && !this.ticked.size;
+    this.clear.hidden = !this.ticked.size;
     this.archive.hidden = count > MAX_ARCHIVED;
     const recordings = count === 1 ? "recording" : "recordings";
-    setText(this.words, count > MAX_ARCHIVED ? `An archive holds ${MAX_ARCHIVED} recordings. Search for fewer, or select some.` : "");
+    const elsewhere = [...this.ticked].filter((name) => !this.rows.rows.has(name)).length;
+    setText(this.words, count > MAX_ARCHIVED
+      ? `An archive holds ${MAX_ARCHIVED} recordings. Search for fewer, or select some.`
+      : elsewhere ? `${number(elsewhere)} selected on other pages` : "");
     setText(this.archive.querySelector("span"), `Download ${this.ticked.size ? number(count) : `all ${number(count)}`} ${recordings}`);
     setAttribute(this.archive, "href", `api/archive?${query}`);
   }
 
   update({ recordings, found }, search) {
     Object.assign(this, { found, search });
-    const shown = new Set(recordings.map(({ name }) => name));
-    this.ticked = new Set([...this.ticked].filter((name) => shown.has(name)));
-    this.updateArchive();
     this.rows.update(recordings);
+    this.updateArchive();
     this.empty.hidden = recordings.length > 0;
     setText(this.empty, search ? "No recording matches." : "No recordings yet.");
   }
