@@ -326,6 +326,7 @@ async def test_consent_is_asked_for_and_recorded(browser: Any, tmp_path: Path) -
                 await by_buttons(page, "Wait")
                 await expect(page.locator("#cover")).to_contain_text("Out of steps")
                 if number == 0:
+                    await page.reload()
                     await page.get_by_role("button", name="Play again").click()
     recordings = [read_recording(path) for path in tmp_path.glob("*.rbt")]
     assert len(recordings) == 2
@@ -347,6 +348,16 @@ async def test_rematch_leads_both_to_the_next_game(browser: Any, tmp_path: Path)
             await expect(ben.locator("#cover")).to_contain_text("Waiting room")
             (again,) = (each for each in server.lobby.rooms.values() if each.id != room.id)
             assert sorted(names(again)) == ["Ada", "Ben"]
+
+
+async def test_player_learns_that_bots_leave_after_a_game(browser: Any, tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        room = opened_room(server, max_steps=3)
+        async with connect(server.url, name="Robo", kind="bot") as client:
+            await client.join(room.code)
+            async with visiting(browser, link(server.port, room.code), "Ada") as page:
+                await get_ready(page)
+                await expect(page.locator("#cover")).to_contain_text("Most bots leave")
 
 
 async def test_spectator_watches_and_a_full_kitchen_offers_to_watch(

@@ -158,6 +158,8 @@ export class Cover {
       const words = text("next", { site: next.host });
       buttons.append(button(words, () => location.assign(next), true));
     } else if (mayRepeat && (game.me !== null || game.rematch)) {
+      const withBot = game.seats.some(({ kind }) => kind === "bot");
+      if (withBot && !game.rematch) made.append(element("p", {}, text("botsLeave")));
       const words = text(game.rematch ? "joinRematch" : "rematch");
       buttons.append(button(words, () => this.answers.rematch(), true));
     } else if (!mayRepeat) {

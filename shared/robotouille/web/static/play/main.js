@@ -31,6 +31,9 @@ function decoded(part) {
 /** Address of the information about a study, to which people agree before they play. */
 const consent = document.querySelector("meta[name=consent]")?.getAttribute("content") ?? "";
 
+/** Return the words that keep a seat's agreement to that information. @param {string} code */
+const agreement = (code) => `${seatKey(code, invitation().token)} ${consent}`;
+
 function showForm(fault = "") {
   const { code, token, watch } = invitation();
   byId("game").hidden = true;
@@ -59,6 +62,7 @@ function submitted() {
   const agreed = !byId("consent-row").hidden;
   if (agreed && !inputById("consent").checked) return showForm(text("missingConsent"));
   keep("name", name);
+  if (agreed) keep("agreed", agreement(code));
   if (invitation().code !== code) history.replaceState(null, "", `#${encodeURIComponent(code)}`);
   return enter(code, name, agreed ? consent : "");
 }
@@ -74,8 +78,10 @@ function enter(code, name, agreed = "") {
   const session = new Session({ code, name, watch, token, agreed }, {
     left: (fault) => showForm(fault),
     moved: (next) => {
+      const agrees = consent && recall("agreed") === agreement(code);
+      if (agrees) keep("agreed", agreement(next));
       history.replaceState(null, "", `#${encodeURIComponent(next)}`);
-      enter(next, name, agreed);
+      enter(next, name, agrees ? consent : "");
     },
     watch: () => {
       history.replaceState(null, "", `watch${location.search}#${encodeURIComponent(code)}`);

@@ -86,6 +86,7 @@ export default {
   aborted: "Das Spiel wurde abgebrochen",
   ended: "Das Spiel ist zu Ende",
   next: "Weiter zu {site}",
+  botsLeave: "Die meisten Bots gehen nach einem Spiel. Das nächste wartet, bis alle Plätze besetzt sind.",
   rematch: "Noch einmal",
   joinRematch: "Zum nächsten Spiel",
   elsewhere: "Du spielst in einem anderen Fenster",
