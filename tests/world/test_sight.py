@@ -1,4 +1,4 @@
-"""What a player sees of a state, within a distance and between stations."""
+"""Players see a part of a state: up to a distance, and between stations."""
 
 from __future__ import annotations
 

@@ -22,8 +22,7 @@ def searched_plainly(
     task: Task, start: State | None, expansions: int | None, seconds: float
 ) -> Certificate | None:
     """Return the answer of a search, or None if plain Python does not find it in some seconds."""
-    # Whether functions are compiled is decided when a process imports them, so another one is
-    # needed.
+    # A process compiles functions, or does not, when it imports them, so another one is needed.
     before = os.environ.get("ROBOTOUILLE_COMPILE")
     os.environ["ROBOTOUILLE_COMPILE"] = "0"
     try:

@@ -52,7 +52,7 @@ class PutBack:
     """Returns things to where they were at the beginning of the task.
 
     Attributes:
-        surfaces: Number of stations that discard or serve, of which the first `discarding` discard.
+        surfaces: Number of stations that discard or serve. The first `discarding` ones discard.
         objects: Number of objects.
     """
 
