@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Protocol
 
 from robotouille.errors import UnknownNameError, did_you_mean
-from robotouille_evaluation.packs.own import NAME, SHIFTS, build_own_pack, build_shift_pack
+from robotouille_evaluation.packs.own import (
+    NAME,
+    SHIFTS,
+    Progress,
+    build_own_pack,
+    build_shift_pack,
+)
 from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.packs.paper import PAPER, build_paper_pack
 from robotouille_evaluation.packs.store import read_pack
@@ -16,7 +22,7 @@ from robotouille_evaluation.packs.store import read_pack
 class PackBuilder(Protocol):
     """Function that returns a built-in pack, and reports finished tasks and their number."""
 
-    def __call__(self, progress: Callable[[int, int], None] | None = None) -> Pack: ...
+    def __call__(self, progress: Progress | None = None) -> Pack: ...
 
 
 BUILT_IN: Mapping[str, PackBuilder] = {

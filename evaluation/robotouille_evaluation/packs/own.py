@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, get_args
@@ -116,7 +117,7 @@ def build_own_pack(progress: Progress | None = None) -> Pack:
     Raises:
         FileError: A shipped file is invalid.
     """
-    return _built_once(NAME, progress)
+    return built_once(NAME, partial(_build, NAME, progress))
 
 
 def build_shift_pack(progress: Progress | None = None) -> Pack:
@@ -125,7 +126,7 @@ def build_shift_pack(progress: Progress | None = None) -> Pack:
     Raises:
         FileError: A shipped file is invalid.
     """
-    return _built_once(SHIFTS, progress)
+    return built_once(SHIFTS, partial(_build, SHIFTS, progress))
 
 
 def pack_with(names: Iterable[str]) -> Pack:
@@ -147,7 +148,8 @@ def pack_with(names: Iterable[str]) -> Pack:
         raise RobotouilleError(
             "shifts and tasks with goals are different packs: evaluate them in two runs"
         )
-    return _built_once(wanted.pop(), None)
+    (name,) = wanted
+    return built_once(name, partial(_build, name, None))
 
 
 def prompts_of(domain: DomainFile, *, shifts: bool = False) -> Pack:
@@ -161,9 +163,10 @@ def prompts_of(domain: DomainFile, *, shifts: bool = False) -> Pack:
 _built: dict[str, Pack] = {}
 
 
-def _built_once(name: str, progress: Progress | None) -> Pack:
+def built_once(name: str, build: Callable[[], Pack]) -> Pack:
+    """Return the built-in pack with a name, which is built in the first call."""
     if name not in _built:
-        _built[name] = _build(name, progress)
+        _built[name] = build()
     return _built[name]
 
 

@@ -11,8 +11,8 @@ Tasks for teams are left out, because the published generator keeps one player o
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
-from functools import cache
+from collections.abc import Iterator
+from functools import cache, partial
 from importlib.resources import files
 from typing import Any
 
@@ -23,6 +23,8 @@ from robotouille.installation import data_folder
 from robotouille_evaluation.packs.own import (
     DOMAINS,
     NAME,
+    Progress,
+    built_once,
     canonical_domain,
     instance_id,
     own_examples,
@@ -49,17 +51,17 @@ SIDE, SIDE_OF_SOUPS = 5, 6
 MAX_TABLES = 8
 """Most tables of a published task; others have about as many as items and containers."""
 
-Progress = Callable[[int, int], None]
-"""Called with the number of drawn tasks and of all."""
 
-
-@cache
 def build_paper_pack(progress: Progress | None = None) -> Pack:
-    """Return the built-in pack of instances drawn as in the paper.
+    """Return the built-in pack of instances drawn as in the paper, built once per process.
 
     Raises:
         FileError: A shipped file is invalid.
     """
+    return built_once(PAPER, partial(_build, progress))
+
+
+def _build(progress: Progress | None) -> Pack:
     names = [name for name in paper_tasks() if name.partition("/")[0] in DATASETS]
     tasks: list[PackTask] = []
     instances: list[PackInstance] = []
