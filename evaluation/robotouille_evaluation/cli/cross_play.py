@@ -82,8 +82,8 @@ def cross_play(
             tell(printable(line))
         tell("")
     if options.out is not None:
-        is_csv = options.out.suffix == ".csv"
-        text = csv_text(played, names, measures) if is_csv else json_text(
-            played, loaded, options.seed
-        )  # fmt: skip
+        if options.out.suffix == ".csv":
+            text = csv_text(played, names, measures)
+        else:
+            text = json_text(played, loaded, options.seed)
         options.out.write_text(text, encoding="utf-8")

@@ -36,6 +36,7 @@ def examples(
     Language models are shown the examples before each request (`benchmark run --pack OUT`).
     """
     from robotouille.replay import read_recording
+    from robotouille_evaluation.cli.planning import comma_separated
     from robotouille_evaluation.packs.built_in import find_pack
     from robotouille_evaluation.packs.example_episodes import episodes_by_form
     from robotouille_evaluation.packs.recorded_examples import recorded_choices, with_examples
@@ -49,8 +50,7 @@ def examples(
         episodes.append(episodes_by_form(path.stem, choices))
         tasks.append(recording.task.name)
         tell(printable(f"{path}: {recording.task.name}, {len(choices)} actions"), err=True)
-    named = tuple(word for word in (part.strip() for part in datasets.split(",")) if word)
-    made = with_examples(base, out.resolve().name, episodes, named)
+    made = with_examples(base, out.resolve().name, episodes, comma_separated(datasets))
     write_pack(made, out)
     for name in _evaluated(made, tasks):
         tell(

@@ -60,7 +60,9 @@ def plan_run(out: Path, options: RunOptions) -> PlannedRun:
     real_time = _real_time(options)
     folder, pack = _pack(out, options)
     experiments = [
-        experiment for name in _words(options.experiment) for experiment in _experiments(pack, name)
+        experiment
+        for name in comma_separated(options.experiment)
+        for experiment in _experiments(pack, name)
     ]
     if options.variant == "delay-free":
         if experiments:
@@ -88,7 +90,8 @@ def _episode(pack: Pack, job: EpisodeJob) -> tuple[str, float]:
     return job.model_copy(update={"experiment": ""}).id, job.step_budget(pack).steps
 
 
-def _words(text: str) -> tuple[str, ...]:
+def comma_separated(text: str) -> tuple[str, ...]:
+    """Return the words of an option."""
     return tuple(word for word in (part.strip() for part in text.split(",")) if word)
 
 
@@ -121,7 +124,7 @@ def _pack(out: Path, options: RunOptions) -> tuple[Path, Pack]:
     """Return the pack and its folder. A run keeps a copy of a built-in pack."""
     copy = (out / "pack").resolve()
     if options.pack is None:
-        return copy, pack_with(_words(options.datasets) or _words(options.tasks))
+        return copy, pack_with(comma_separated(options.datasets) or comma_separated(options.tasks))
     folder = copy if is_built_in(options.pack) else options.pack.resolve()
     return folder, find_pack(options.pack)
 
@@ -143,7 +146,7 @@ def _jobs(
     """Yield the jobs of an experiment, or those of the options alone."""
     budgeted = _with_budget(pack, _instances(pack, options, experiment), options, experiment)
     choice = ModelChoice.of_options(options)
-    names = _words(options.agents)
+    names = comma_separated(options.agents)
     variant: Variant | None = "" if options.variant == "none" else options.variant
     if experiment is not None:
         if experiment.temperature is not None:
@@ -236,7 +239,7 @@ def _instances(
     pack: Pack, options: RunOptions, experiment: Experiment | None
 ) -> list[PackInstance]:
     """Return the chosen instances, or raise RobotouilleError."""
-    datasets, tasks, kinds = map(_words, (options.datasets, options.tasks, options.kinds))
+    datasets, tasks, kinds = map(comma_separated, (options.datasets, options.tasks, options.kinds))
     usual = pack.usual_kinds
     if experiment is not None:
         usual = ("noisy",) if experiment.noisy else ("free",)
@@ -253,7 +256,7 @@ def _instances(
         if instance.kind in (kinds or usual)
         and (not datasets or pack.task(instance.task).dataset in datasets)
     ]
-    wanted = _words(options.instances)
+    wanted = comma_separated(options.instances)
     if wanted:
         found = _named_instances(found, wanted)
     elif experiment is not None:

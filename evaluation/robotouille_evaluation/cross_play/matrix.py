@@ -60,11 +60,10 @@ class Measure:
         """Return a mean in words."""
         if interval is None:
             return "-"
-        factor = 100 if self.share else 1
-        digits = 0 if self.share else 1
-        return interval.text(
-            lambda x: f"{factor * x:.{digits}f}", lambda x: f"{factor * x:.{digits}f}"
-        )
+        return interval.text(self._number, self._number)
+
+    def _number(self, value: float) -> str:
+        return f"{100 * value:.0f}" if self.share else f"{value:.1f}"
 
 
 GOAL = Measure("success (%)", lambda episode: episode.goal, share=True)
@@ -141,12 +140,10 @@ def text_table(episodes: Sequence[CrossEpisode], names: Sequence[str], measure: 
     ]
     head = [measure.name, *names]
     widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
-    lines = [
-        "  ".join(f"{cell:{'<' if i == 0 else '>'}{width}}" for i, (cell, width) in enumerate(
-            zip(row, widths, strict=True)
-        ))
-        for row in (head, *rows)
-    ]  # fmt: skip
+    lines = []
+    for name, *cells in (head, *rows):
+        aligned = [cell.rjust(width) for cell, width in zip(cells, widths[1:], strict=True)]
+        lines.append("  ".join([name.ljust(widths[0]), *aligned]))
     own = measure.estimate(e for e in episodes if e.first == e.other)
     others = measure.estimate(e for e in episodes if e.first != e.other)
     lines.append(f"with itself: {measure.text(own)}; with others: {measure.text(others)}")

@@ -1,6 +1,7 @@
 """Text games: episodes, instances and scores for libraries that train and evaluate models.
 
-The packages `robotouille-verifiers`, `robotouille-openenv` and `robotouille-textarena` adapt them.
+The packages `robotouille-verifiers`, `robotouille_env` (OpenEnv) and `robotouille-textarena` adapt
+them.
 """
 
 from robotouille_evaluation.text_games.game import (

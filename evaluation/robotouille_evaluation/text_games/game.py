@@ -1,9 +1,9 @@
 """Episodes that are played by texts: the game asks, and the caller brings the model's answers.
 
-game = TextGame(load_instance("synchronous/01"))
-while game.request is not None:
-    game.answer(ask(game.request.messages))
-print(game.score)
+    game = TextGame(load_instance("synchronous/01"))
+    while game.request is not None:
+        game.answer(ask(game.request.messages))
+    print(game.score)
 
 Prompts, parsing, feedback and step budget are those of `robotouille benchmark run`.
 """
@@ -14,11 +14,11 @@ import math
 from collections.abc import Coroutine, Generator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple, get_args
+from typing import NamedTuple, get_args
 
 from robotouille import State, World
 from robotouille.domain.schema import DomainFile
-from robotouille.errors import WrongArgumentError, did_you_mean
+from robotouille.errors import WrongArgumentError
 from robotouille_evaluation.agents.answers import TolerantParser
 from robotouille_evaluation.agents.custom import is_custom
 from robotouille_evaluation.agents.joint_team import JointTeam
@@ -33,7 +33,7 @@ from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.runs.episode_runner import EpisodeRunner, RecordedRunner, episode_rules
 from robotouille_evaluation.runs.job_agents import planner
 from robotouille_evaluation.runs.text_episode import EndReason, TextEpisode, play_team
-from robotouille_evaluation.text_games.instances import GameInstance
+from robotouille_evaluation.text_games.instances import GameInstance, require_known
 from robotouille_evaluation.text_games.score import GameScore, Progress
 
 CONVERSATION = "react-full"
@@ -68,16 +68,9 @@ class GameOptions:
 
     def __post_init__(self) -> None:
         agents = OWN_STRATEGIES if not is_custom(self.agent) else (self.agent,)
-        _require("agent", self.agent, agents)
-        _require("control", self.control, get_args(Control))
-        _require("partner", self.partner, PARTNERS)
-
-
-def _require(what: str, found: str, known: Any) -> None:
-    if found not in known:
-        listed = ", ".join(repr(name) for name in known)
-        near = did_you_mean(found, known) or f"; expected one of {listed}"
-        raise WrongArgumentError(f"unknown {what} {found!r}{near}")
+        require_known("agent", self.agent, agents)
+        require_known("control", self.control, get_args(Control))
+        require_known("partner", self.partner, PARTNERS)
 
 
 class _Question(NamedTuple):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal, get_args
@@ -78,8 +78,9 @@ class Instances:
     """
 
     def __init__(self, dataset: str, split: str = "test", tasks: Sequence[str] = ()) -> None:
-        self.dataset = _one_of("dataset", dataset, DATASETS)
-        self.split = _one_of("split", split, SPLITS)
+        require_known("dataset", dataset, DATASETS)
+        require_known("split", split, SPLITS)
+        self.dataset, self.split = dataset, split
         self._tasks = _chosen_tasks(dataset, tasks)
         self._shipped = tuple(self._shipped_names()) if split == "test" else ()
 
@@ -134,11 +135,16 @@ class Instances:
             yield from row
 
 
-def _one_of(what: str, found: str, known: Sequence[str]) -> str:
+def require_known(what: str, found: str, known: Collection[str]) -> None:
+    """Check that a name is known.
+
+    Raises:
+        WrongArgumentError: It is not.
+    """
     if found not in known:
-        near = did_you_mean(found, known) or f"; expected one of {', '.join(known)}"
+        listed = ", ".join(repr(name) for name in known)
+        near = did_you_mean(found, known) or f"; expected one of {listed}"
         raise WrongArgumentError(f"unknown {what} {found!r}{near}")
-    return found
 
 
 def _chosen_tasks(dataset: str, wanted: Sequence[str]) -> tuple[str, ...]:

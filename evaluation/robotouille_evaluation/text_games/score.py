@@ -85,6 +85,10 @@ class Progress:
 
     Args:
         plan: Known plan from the first state.
+        bound: Proven lower bound of its length.
+
+    Attributes:
+        value: Progress from -1 to 1; see `GameScore.progress`.
     """
 
     def __init__(self, world: World, plan: Plan, bound: int) -> None:
@@ -95,17 +99,13 @@ class Progress:
         self._before = world.initial
         self.value = 0.0
 
-    def move(self, state: State) -> float:
-        """Update the progress to that of the next state, and return its gain."""
+    def move(self, state: State) -> None:
+        """Update the progress to that of the next state."""
         if state == self._before:
-            return 0.0
+            return
         left = self._distance(state, self._limits, after=self._before)
         self._before = state
         if left.dead:
-            value = FARTHEST
-        elif left.steps is None:
-            value = self.value  # Nothing is known about this state.
-        else:
-            value = max(FARTHEST, 1 - left.steps / self._first)
-        gain, self.value = value - self.value, value
-        return gain
+            self.value = FARTHEST
+        elif left.steps is not None:  # Otherwise, nothing is known about this state.
+            self.value = max(FARTHEST, 1 - left.steps / self._first)

@@ -82,8 +82,8 @@ def test_wrong_name_says_what_is_wrong(name: str, why: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
-        (("soups",), "expected one of synchronous"),
-        (("synchronous", "valid"), "expected one of train, test"),
+        (("soups",), "expected one of 'synchronous'"),
+        (("synchronous", "valid"), "expected one of 'train', 'test'"),
         (("synchronous", "test", ["99"]), "is not one task of synchronous"),
     ],
 )
