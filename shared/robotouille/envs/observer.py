@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from gymnasium import spaces
 from gymnasium.spaces import GraphInstance
 
+from robotouille.envs.egocentric import Places, own_columns, places, turned
 from robotouille.envs.play import Play
 from robotouille.envs.rules import EnvObservation, EnvRules, Perspective
 from robotouille.envs.views import Mask, ObservationView, Vector, largest_team, text_space
@@ -28,8 +27,6 @@ SILENCE = 0
 
 Said = Sequence[int]
 """The last message of each player, by seat."""
-
-Places = npt.NDArray[np.intp]
 
 
 class Observer:
@@ -66,7 +63,7 @@ class Observer:
         self._first = views[0]
         self._state_size = self._sizes.vector
         if perspective is Perspective.EGOCENTRIC:
-            self._state_size = max(len(_own_columns(view)) for view in views)
+            self._state_size = max(len(own_columns(view)) for view in views)
 
     @cached_property
     def columns(self) -> tuple[str, ...]:
@@ -75,7 +72,7 @@ class Observer:
         With several instances, numbers without a meaning in the first one are called `unused`.
         """
         egocentric = self._perspective is Perspective.EGOCENTRIC
-        own = _own_columns(self._first) if egocentric else self._first.world.encoding.columns
+        own = own_columns(self._first) if egocentric else self._first.world.encoding.columns
         unused = ("unused",) * (self._state_size - len(own))
         identity = self._perspective is Perspective.IDENTITY
         selves = tuple(f"{SELF}({player})" for player in self._players) if identity else ()
@@ -266,7 +263,7 @@ class Observer:
         """Return, for each seat, the places in a padded vector of an agent's own columns."""
         found = self._places.get(view)
         if found is None:
-            found = self._places[view] = _places(view, self._state_size)
+            found = self._places[view] = places(view, self._state_size)
         return found
 
     def _graph(self, play: Play, seat: int | None, said: Said) -> GraphInstance:
@@ -283,7 +280,7 @@ class Observer:
             nodes[order[seat], graph.nodes.shape[1]] = 1
         graph = graph._replace(nodes=nodes)
         if seat is not None and self._perspective is Perspective.EGOCENTRIC:
-            graph = _turned(graph, order, seat)
+            graph = turned(graph, order, seat)
         if self._goal:
             graph = _with_goal(graph, self._goal_of(play.view))
         relations = graph.edges[:, :1].astype(np.float32)
@@ -305,49 +302,6 @@ def _order(play: Play) -> list[int]:
     """Return the place of each player among the objects."""
     names = [thing.name for thing in play.view.world.encoding.objects]
     return [names.index(player) for player in play.players]
-
-
-def _players_pattern(players: Sequence[str]) -> re.Pattern[str]:
-    # Columns are facts such as `loc(robot1, table3)`: a name before a bracket is a predicate.
-    return re.compile(rf"\b({'|'.join(map(re.escape, players))})\b(?!\()")
-
-
-def _renamed(columns: Sequence[str], players: Sequence[str], shift: int) -> list[str]:
-    """Return columns with each player replaced by the one that many seats later."""
-    later = {name: players[(i + shift) % len(players)] for i, name in enumerate(players)}
-    pattern = _players_pattern(players)
-    return [pattern.sub(lambda found: later[found[0]], column) for column in columns]
-
-
-def _own_columns(view: ObservationView) -> tuple[str, ...]:
-    """Return the columns of an agent's own vector, in which the first player is the agent.
-
-    Players that a counter divides have other facts, so the columns are those of all agents.
-    """
-    columns, players = view.world.encoding.columns, view.world.players
-    seats = range(len(players))
-    return tuple(dict.fromkeys(c for i in seats for c in _renamed(columns, players, -i)))
-
-
-def _places(view: ObservationView, size: int) -> tuple[Places, ...]:
-    columns, players = view.world.encoding.columns, view.world.players
-    place = {name: i for i, name in enumerate(columns)}
-    own = _own_columns(view)
-    nothing = view.sizes.vector  # The place of the zero after a padded vector.
-    found = np.full((len(players), size), nothing, dtype=np.intp)
-    for seat in range(len(players)):
-        found[seat, : len(own)] = [place.get(c, nothing) for c in _renamed(own, players, seat)]
-    return tuple(found)
-
-
-def _turned(graph: Graph, order: Sequence[int], seat: int) -> Graph:
-    """Return a graph in which the agent's player is in the place of the first one."""
-    old = np.arange(len(graph.nodes))
-    old[order] = [*order[seat:], *order[:seat]]
-    new = np.argsort(old)
-    edges = graph.edges.copy()
-    edges[:, 1:] = new[edges[:, 1:]]
-    return Graph(graph.nodes[old], edges, graph.counters)
 
 
 def _with_goal(graph: Graph, goal: Graph) -> Graph:

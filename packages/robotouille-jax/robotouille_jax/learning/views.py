@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from robotouille.world.arrays.encoding import Encoding
+from robotouille.world.arrays.seat_columns import for_later_seat
 
 
 class Views(NamedTuple):
@@ -34,8 +34,7 @@ def views(encoding: Encoding, players: tuple[str, ...]) -> Views:
     place = {name: i for i, name in enumerate(names)}
     rows = []
     for seat in range(len(players)):
-        turned = {p: players[(i + seat) % len(players)] for i, p in enumerate(players)}
-        rows.append([place.get(_renamed(name, turned), -1) for name in names])
+        rows.append([place.get(name, -1) for name in for_later_seat(names, players, seat)])
     columns = np.array(rows, np.int32)
     if np.any(np.sort(columns, axis=1) != np.arange(len(names))):
         columns = np.tile(np.arange(len(names), dtype=np.int32), (len(players), 1))
@@ -44,7 +43,3 @@ def views(encoding: Encoding, players: tuple[str, ...]) -> Views:
     scale[counters:] = 0.25
     scale[[name.startswith(("steps_left", "order")) for name in names]] = 1 / encoding.high
     return Views(columns, scale)
-
-
-def _renamed(name: str, turned: dict[str, str]) -> str:
-    return re.sub(r"\w+", lambda word: turned.get(word[0], word[0]), name)
