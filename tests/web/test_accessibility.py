@@ -27,7 +27,7 @@ ZOOMED, NARROW = {"width": 640, "height": 360}, {"width": 360, "height": 740}
 STILL: dict[str, Any] = {"reduced_motion": "reduce"}
 """Options without animations: a card that appears has less contrast for a moment."""
 CUT = """() => {
-  const scrolls = (each) => each.closest("#choices, .unseen, #actions h2, #bubbles, dialog");
+  const scrolls = (each) => each.closest("#choices, .unseen, #bubbles, dialog");
   const seen = [...document.querySelectorAll("body *")].filter((each) => !scrolls(each));
   const found = seen.filter((each) => {
     const { left, right, width } = each.getBoundingClientRect();

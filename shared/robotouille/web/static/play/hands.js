@@ -3,6 +3,7 @@
 import { Controls } from "../rules/controls.js";
 import { ActionQueue } from "../rules/queue.js";
 import { scene } from "../rules/scene.js";
+import { capitalised } from "../rules/words.js";
 import { byId, element, inputById, setText } from "./dom.js";
 import { now } from "./game.js";
 import { text } from "./texts.js";
@@ -313,6 +314,3 @@ export class Hands {
     dialog.showModal();
   }
 }
-
-/** @param {string} words */
-const capitalised = (words) => words.charAt(0).toUpperCase() + words.slice(1);

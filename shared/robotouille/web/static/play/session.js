@@ -2,7 +2,7 @@
 
 import { Kitchen } from "../kitchen/painter.js";
 import { readLanguage } from "../rules/language.js";
-import { Wording } from "../rules/words.js";
+import { Wording, taskTitle } from "../rules/words.js";
 import { Bubbles } from "./bubbles.js";
 import { Connection, socketAddress } from "./connection.js";
 import { Cover, button, outcomeWords, slip, waiting } from "./covers.js";
@@ -277,7 +277,7 @@ export class Session {
   status() {
     const { game } = this;
     setText(byId("status"), this.statusWords());
-    setText(byId("title"), game.task ? titleOf(game.task) : this.visit.code);
+    setText(byId("title"), game.task ? taskTitle(game.task.name) : this.visit.code);
     this.cover.update();
   }
 
@@ -514,11 +514,4 @@ function change(
 function clock(seconds) {
   const whole = Math.max(0, Math.ceil(seconds));
   return `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}`;
-}
-
-/** Return a task's title, such as `Lettuce burger`. @param {import("../rules/task.js").Task} task */
-function titleOf(task) {
-  const file = task.name.split("/").pop()?.replace(/\.json$/, "") ?? task.name;
-  const words = file.replace(/^\d+_/, "").replaceAll("_", " ");
-  return words.charAt(0).toUpperCase() + words.slice(1);
 }

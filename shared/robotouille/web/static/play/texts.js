@@ -7,16 +7,18 @@ const LANGUAGES = ["en", "de"];
 /** @type {Record<string, string>} */
 let texts = english;
 
-/** Load the texts of the language that the address or the browser asks for. */
-export async function loadTexts() {
+/** Return the language that the address or the browser asks for. */
+export function wantedLanguage() {
   const asked = new URLSearchParams(location.search).get("lang");
   const wanted = [asked, ...navigator.languages].map((name) => (name ?? "").slice(0, 2));
-  const found = wanted.find((name) => LANGUAGES.includes(name)) ?? "en";
-  if (found !== "en") {
-    const { default: own } = await import(`../texts/${found}.js`);
-    texts = { ...english, ...own };
-  }
-  document.documentElement.lang = found;
+  return wanted.find((name) => LANGUAGES.includes(name)) ?? "en";
+}
+
+/** Load the texts of the reader's language. */
+export async function loadTexts() {
+  const language = wantedLanguage();
+  const own = language === "en" ? english : (await import(`../texts/${language}.js`)).default;
+  useTexts(language, own);
 }
 
 /** Use texts in a language from now on. @param {string} language @param {typeof texts} own */

@@ -5,6 +5,7 @@ import { outcomeWords } from "../play/covers.js";
 import { byId, element, setText } from "../play/dom.js";
 import { text } from "../play/texts.js";
 import { readTask } from "../rules/task.js";
+import { taskTitle } from "../rules/words.js";
 import { Coding } from "./coding.js";
 import { fillHelp } from "./help.js";
 import { Panel } from "./panel.js";
@@ -77,10 +78,9 @@ class Page {
   place() {
     const { reels, runs } = this;
     const two = reels.length > 1;
-    const [name] = reels[0].task.name.split("/").slice(-1);
-    const title = name.replace(/\.json$/, "").replace(/^\d+_/, "").replaceAll("_", " ");
-    setText(byId("title"), title.charAt(0).toUpperCase() + title.slice(1));
-    document.title = `${byId("title").textContent} – Robotouille`;
+    const title = taskTitle(reels[0].task.name);
+    setText(byId("title"), title);
+    document.title = `${title} – Robotouille`;
     setText(byId("outcome"), two ? "" : this.ending(0));
     byId("runs").replaceChildren(...runs.map((run, number) => element(
       "section", { class: "run" },

@@ -4,13 +4,10 @@ import german from "../texts/de.js";
 import english from "../texts/en.js";
 import germanReplay from "../texts/replay_de.js";
 import englishReplay from "../texts/replay_en.js";
-import { useTexts } from "../play/texts.js";
+import { useTexts, wantedLanguage } from "../play/texts.js";
 
 /** Use the texts of the language that the address or the browser asks for. */
 export function chooseTexts() {
-  const asked = new URLSearchParams(location.search).get("lang");
-  const wanted = [asked, ...navigator.languages].map((name) => (name ?? "").slice(0, 2));
-  const language = wanted.find((name) => name === "de" || name === "en") ?? "en";
-  if (language === "de") useTexts("de", { ...german, ...germanReplay });
+  if (wantedLanguage() === "de") useTexts("de", { ...german, ...germanReplay });
   else useTexts("en", { ...english, ...englishReplay });
 }

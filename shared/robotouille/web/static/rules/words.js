@@ -31,6 +31,12 @@ export function capitalised(words) {
   return first.toUpperCase() + words.slice(first.length);
 }
 
+/** Return a task's title, such as `Lettuce burger`. @param {string} name */
+export function taskTitle(name) {
+  const file = name.slice(name.lastIndexOf("/") + 1).replace(/\.json$/, "");
+  return capitalised(file.replace(/^\d+_/, "").replaceAll("_", " "));
+}
+
 /** Words for one reader in one task. */
 export class Wording {
   /**
