@@ -182,8 +182,8 @@ def clearing_work_of(kitchen: Kitchen, state: CompactState, station: int, scratc
 #
 # Chain. The events of one object happen in order, delays included, and the objects on top of it are
 # placed later. The goal is not met before the longest such chain ends: a critical path, like h-max
-# (Bonet and Geffner 2001). Delays count here and not as work, since players do other work in the
-# meantime.
+# (Bonet and Geffner 2001). Objects that share a place take turns there, as on one machine of a job
+# shop. Delays count here and not as work, since players do other work in the meantime.
 #
 # Tests compare the heuristic with the exact distances of all reachable states of small kitchens. It
 # is not consistent: an obstacle counts only once some object has to leave. The search
