@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import io
+import os
+import zipfile
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -82,3 +86,90 @@ def test_files_that_are_no_actors_are_refused(tmp_path: Path) -> None:
         write_actor(path, wrong)
         with pytest.raises(FileError, match="not a trained policy"):
             read_actor(path)
+
+
+def file_with(path: Path, packing: int = zipfile.ZIP_DEFLATED, **entries: object) -> None:
+    """Write an actor's file in which some entries are replaced. Bytes are the whole entry."""
+    write_actor(path, eager(World("training/03@2"), "move"))
+    with np.load(path) as arrays:
+        found: dict[str, Any] = {name: arrays[name] for name in arrays.files} | entries
+    with zipfile.ZipFile(path, "w", packing) as archive:
+        for name, value in found.items():
+            content = io.BytesIO(value if isinstance(value, bytes) else b"")
+            if not isinstance(value, bytes):
+                np.save(content, np.asarray(value))
+            archive.writestr(f"{name}.npy", content.getvalue())
+
+
+def entry(shape: str, kind: str = "<f2", content: bytes = b"") -> bytes:
+    """Return an array that declares a shape and has other content."""
+    head = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+    return b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head + content
+
+
+@pytest.mark.parametrize(
+    "entries",
+    [
+        {"weights0": entry("(1000000, 1000000)")},
+        {"weights0": entry(f"({10**20}, 3)")},
+        {"weights0": b"no array"},
+        {"weights0": np.zeros((3, 3), complex)},
+        {"weights1": np.zeros((3, 3)), "biases1": np.float32(1)},
+        {"version": np.arange(3)},
+        {"version": np.inf},
+        {"scale": np.full(World("training/03@2").encoding.size, np.nan, np.float32)},
+        {"name": entry("()", "<U1", b"\xff\xff\xff\xff")},
+        {"name": np.array(["a", "b"])},
+        {"columns": np.zeros((2, 0), np.int32)},
+    ],
+)
+def test_hostile_arrays_are_refused(entries: dict[str, object], tmp_path: Path) -> None:
+    path = tmp_path / "bad.npz"
+    file_with(path, **entries)
+    with pytest.raises(FileError, match="not a trained policy") as raised:
+        read_actor(path)
+    assert "\n" not in str(raised.value)
+
+
+def test_hostile_archives_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "bad.npz"
+    file_with(path, packing=zipfile.ZIP_LZMA)
+    with pytest.raises(FileError, match="compressed in another way"):
+        read_actor(path)
+    file_with(path, more=np.zeros(65 << 20, np.uint8))
+    with pytest.raises(FileError, match="arrays are larger than 64 MiB"):
+        read_actor(path)
+    file_with(path)
+    content = bytearray(path.read_bytes())
+    content[len(content) // 3 : len(content) // 2] = b"\xff" * (
+        len(content) // 2 - len(content) // 3
+    )
+    path.write_bytes(content)
+    with pytest.raises(FileError, match="not a trained policy"):
+        read_actor(path)
+    os.mkfifo(tmp_path / "pipe.npz")
+    with pytest.raises(FileError, match="not a regular file"):
+        read_actor(tmp_path / "pipe.npz")
+
+
+def test_networks_of_another_shape_are_refused() -> None:
+    world = World("training/03@2")
+    actor = eager(world, "move")
+    (weights, biases), columns, scale = actor.layers[0], actor.columns, actor.scale
+    for wrong in (
+        replace(actor, layers=((weights[:, 1:], biases[1:]),)),
+        replace(actor, columns=columns[:1], layers=((weights[1:], biases),)),
+        replace(actor, columns=columns[:, :5], scale=scale[:5], layers=((weights[:7], biases),)),
+    ):
+        with pytest.raises(RobotouilleError, match="the network does not fit training/03"):
+            TrainedPolicy(wrong, world.initial, "robot1")
+
+
+def test_network_of_large_numbers_ends_with_a_message() -> None:
+    world = World("training/03@2")
+    actor = eager(world, "move")
+    weights, biases = actor.layers[0]
+    large = replace(actor, layers=((np.full_like(weights, 3e38), biases),))
+    policy = TrainedPolicy(large, world.initial, "robot1")
+    with pytest.raises(RobotouilleError, match="numbers are too large"):
+        policy.act(world.initial)

@@ -7,25 +7,30 @@ vector that each seat sees, and the layout for which they were trained.
 from __future__ import annotations
 
 import hashlib
+import io
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
 
+from robotouille.domain.files import open_regular
 from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille.planning.policies.policy import Did
 from robotouille.world.arrays.encoding import Encoding
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.world import State
+from robotouille.world.world import State, World
 
 VERSION = 1
 """Version of the file format."""
 MAX_BYTES = 64 << 20
 """Largest size of a file's arrays, packed or not."""
 MAX_NAME = 200
+PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""Methods of compression that NumPy uses. Others can reserve gigabytes."""
 
 Floats = npt.NDArray[np.float32]
 
@@ -92,40 +97,81 @@ def read_actor(path: Path) -> Actor:
         FileError: The file cannot be read or is not one of an actor.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
-            if sum(entry.file_size for entry in archive.infolist()) > MAX_BYTES:
-                raise ValueError(f"its arrays are larger than {MAX_BYTES >> 20} MiB")
-        with np.load(path, allow_pickle=False) as arrays:
-            return _actor(arrays)
+        with open_regular(path) as file:
+            _check_archive(file)
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as arrays:
+                return _actor(arrays)
     except OSError as error:
         fault = Fault("", f"cannot be read: {error.strerror or error}")
-    except (KeyError, ValueError, zipfile.BadZipFile) as error:
-        fault = Fault("", f"not a trained policy: {error}; robotouille-train writes such files")
+    except UNREADABLE as error:
+        why = str(error).partition("\n")[0]
+        fault = Fault("", f"not a trained policy: {why}; robotouille-train writes such files")
     raise FileError(str(path), [fault])
 
 
+UNREADABLE = (
+    KeyError, ValueError, EOFError, OverflowError, MemoryError, NotImplementedError,
+    zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""Errors of NumPy and of the archive about a file's content."""
+
+
+def _check_archive(file: BinaryIO) -> None:
+    if file.seek(0, io.SEEK_END) > MAX_BYTES:
+        raise ValueError(f"it is larger than {MAX_BYTES >> 20} MiB")
+    with zipfile.ZipFile(file) as archive:
+        entries = archive.infolist()
+    if sum(entry.file_size for entry in entries) > MAX_BYTES:
+        raise ValueError(f"its arrays are larger than {MAX_BYTES >> 20} MiB")
+    if any(entry.compress_type not in PACKINGS or entry.flag_bits & 1 for entry in entries):
+        raise ValueError("it is encrypted, or compressed in another way than NumPy does")
+
+
 def _actor(arrays: Any) -> Actor:
-    if int(arrays["version"]) != VERSION:
-        raise ValueError(f"expected version {VERSION}, found {int(arrays['version'])}")
+    if (version := int(_array(arrays, "version", "i", 0))) != VERSION:
+        raise ValueError(f"expected version {VERSION}, found {version}")
     count = sum(name.startswith("weights") for name in arrays.files)
     layers = tuple(
-        (arrays[f"weights{i}"].astype(np.float32), arrays[f"biases{i}"].astype(np.float32))
-        for i in range(count)
+        (_floats(arrays, f"weights{i}", 2), _floats(arrays, f"biases{i}", 1)) for i in range(count)
     )
-    columns, scale = arrays["columns"].astype(np.int32), arrays["scale"].astype(np.float32)
-    if columns.ndim != 2 or scale.shape != columns.shape[1:]:
+    columns, scale = _array(arrays, "columns", "i", 2), _floats(arrays, "scale", 1)
+    if scale.shape != columns.shape[1:]:
         raise ValueError("columns and scale do not fit")
     width = sum(columns.shape)
     if np.any(np.sort(columns, axis=1) != np.arange(columns.shape[1])):
         raise ValueError("columns are not numbered from 0")
     for weights, biases in layers:
-        if weights.ndim != 2 or weights.shape != (width, *biases.shape):
+        if weights.shape != (width, *biases.shape):
             raise ValueError("the layers do not fit")
-        if not (np.isfinite(weights).all() and np.isfinite(biases).all()):
-            raise ValueError("a layer has numbers that are not finite")
         width = len(biases)
-    name, task, layout = (str(arrays[key])[:MAX_NAME] for key in ("name", "task", "layout"))
-    return Actor(name, task, layout, columns, scale, layers)
+    if not layers:
+        raise ValueError("it has no layers")
+    name, task, layout = (_text(arrays, key) for key in ("name", "task", "layout"))
+    return Actor(name, task, layout, columns.astype(np.int32), scale, layers)
+
+
+def _array(arrays: Any, name: str, kind: str, dimensions: int) -> npt.NDArray[Any]:
+    """Return an array of a kind: "i" (integers), "f" (floats) or "U" (text)."""
+    found = arrays[name]
+    # NumPy returns an entry that is no array as bytes.
+    if not isinstance(found, np.ndarray) or (found.dtype.kind, found.ndim) != (kind, dimensions):
+        raise ValueError(f"{name} is not an array of the expected type")
+    return found
+
+
+def _floats(arrays: Any, name: str, dimensions: int) -> Floats:
+    found = _array(arrays, name, "f", dimensions).astype(np.float32)
+    if not np.isfinite(found).all():
+        raise ValueError(f"{name} has numbers that are not finite")
+    return found
+
+
+def _text(arrays: Any, name: str) -> str:
+    found = _array(arrays, name, "U", 0)
+    # NumPy's own conversion fails with an internal error for numbers that are no characters.
+    order = "big" if found.dtype.byteorder == ">" else "little"
+    return found.tobytes().decode(f"utf-32-{order[0]}e").rstrip("\0")[:MAX_NAME]
 
 
 class TrainedPolicy:
@@ -147,6 +193,7 @@ class TrainedPolicy:
                 f"{actor.name} was trained for {actor.task} and cannot play {world.task.name} "
                 f"with {len(world.players)} seats"
             )
+        _check_shape(actor, world)
         self._actor, self._player, self._greedy = actor, player, greedy
         self._seat = world.players.index(player)
         self._random = np.random.default_rng([seed, self._seat])
@@ -157,10 +204,26 @@ class TrainedPolicy:
     def act(self, state: State) -> GroundAction | None:
         """Return the action to take, or None to do nothing."""
         numbers = np.append(np.flatnonzero(state.mask(self._player)), -1)
-        logits = self._actor.logits(self._seat, state.vector())[numbers].astype(float)
+        # A network of large numbers overflows.
+        with np.errstate(over="ignore", invalid="ignore"):
+            logits = self._actor.logits(self._seat, state.vector())[numbers].astype(float)
+        if not np.isfinite(logits).all():
+            raise RobotouilleError(f"{self._actor.name}: the network's numbers are too large")
         weights = np.exp(logits - logits.max())
         if self._greedy:
             chosen = int(numbers[np.argmax(weights)])
         else:
             chosen = int(self._random.choice(numbers, p=weights / weights.sum()))
         return None if chosen < 0 else state.action(self._player, chosen)
+
+
+def _check_shape(actor: Actor, world: World) -> None:
+    """Check that a network has an input for each number of a state and an output for each action.
+
+    Raises:
+        RobotouilleError: It has others.
+    """
+    seats, size = len(world.players), world.encoding.size
+    outputs = {len(world.encoding.ground_actions(player)) + 1 for player in world.players}
+    if actor.columns.shape != (seats, size) or outputs != {len(actor.layers[-1][1])}:
+        raise RobotouilleError(f"{actor.name}: the network does not fit {world.task.name}")
