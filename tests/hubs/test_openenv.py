@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from robotouille import World
-from robotouille_evaluation.text_games import load_instance
+from robotouille_evaluation.text_games import GameInstance, Instances, load_instance
 from tests.support.sources import ROOT
 
 pytestmark = [
@@ -199,6 +199,83 @@ async def test_http_lists_tasks_and_refuses_unknown_ones() -> None:
         assert found["task"]["id"] == "generated/synchronous/02_lettuce_sandwich_s42"
         refused = await http.post("/reset", json={"task": "synchronous/soop"})
         assert (refused.status_code, "no task" in refused.text) == (422, True)
+
+
+@pytest.mark.parametrize("path", ["/reset", "/mcp"])
+async def test_pages_of_other_sites_are_refused(path: str) -> None:
+    import httpx
+    from websockets.asyncio.client import connect
+    from websockets.exceptions import InvalidStatus
+
+    create = json.dumps({"jsonrpc": "2.0", "method": "openenv/session/create", "id": 1})
+    async with served() as url, httpx.AsyncClient(base_url=url) as http:
+        for origin in ("https://evil.example", "null"):
+            sent = {"origin": origin, "content-type": "text/plain"}
+            refused = await http.post(path, content=create, headers=sent)
+            assert (refused.status_code, "other sites" in refused.text) == (403, True)
+            with pytest.raises(InvalidStatus, match="403"):
+                await connect(url.replace("http", "ws") + "/ws", origin=origin)
+        own = await http.post("/mcp", content=create, headers={"origin": url})
+        assert "session_id" in own.json()["result"]
+
+
+async def test_large_bodies_are_refused_before_they_are_stored() -> None:
+    import httpx
+
+    from robotouille_env.server.app import make_app
+    from robotouille_env.server.guard import MAX_BODY
+
+    sent = 0
+
+    async def endless() -> AsyncIterator[bytes]:
+        nonlocal sent
+        while True:
+            sent += 1 << 16
+            yield b" " * (1 << 16)
+
+    transport = httpx.ASGITransport(app=make_app())
+    async with httpx.AsyncClient(base_url="http://test", transport=transport) as http:
+        for body in (b" " * (MAX_BODY + 1), endless()):
+            refused = await http.post("/reset", content=body)
+            assert (refused.status_code, "4 MiB" in refused.text) == (413, True)
+        assert sent <= 2 * MAX_BODY
+
+
+def test_instances_of_a_split_are_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    from robotouille_env.server import environment
+
+    loaded = []
+
+    def instances(*arguments: str) -> Instances:
+        loaded.append(arguments)
+        return Instances(*arguments)
+
+    monkeypatch.setattr(environment, "Instances", instances)
+    for _ in range(3):
+        environment.RobotouilleEnvironment().num_tasks("shifts/test")
+    assert len(loaded) <= 1
+
+
+async def test_one_instance_is_made_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    from robotouille_env.server import environment
+
+    real, now, most = environment.load_instance, 0, 0
+
+    def watched(name: str, seats: int | None) -> GameInstance:
+        nonlocal now, most
+        now += 1
+        most = max(most, now)
+        found = real(name, seats)
+        now -= 1
+        return found
+
+    monkeypatch.setattr(environment, "load_instance", watched)
+    resets = [
+        asyncio.to_thread(environment.RobotouilleEnvironment().reset, task=f"synchronous/0{i}")
+        for i in range(1, 7)
+    ]
+    await asyncio.gather(*resets)
+    assert most == 1
 
 
 def test_manifest_matches_the_package() -> None:

@@ -17,10 +17,13 @@ from openenv.core.env_server.types import ConcurrencyConfig
 from robotouille.errors import RobotouilleError
 from robotouille_env.models import RobotouilleAction, RobotouilleObservation, RobotouilleState
 from robotouille_env.server.environment import RobotouilleEnvironment
+from robotouille_env.server.guard import MAX_BODY, Guard
 from robotouille_evaluation.text_games import GameOptions
 
 SESSIONS = 64
 IDLE_SECONDS = 3600.0
+MAX_WAITING = 2
+"""Messages of a connection that wait for an answer."""
 
 
 def make_app(options: GameOptions | None = None, sessions: int = SESSIONS) -> FastAPI:
@@ -45,6 +48,7 @@ def make_app(options: GameOptions | None = None, sessions: int = SESSIONS) -> Fa
     async def refuse(request: Request, error: Exception) -> JSONResponse:
         return JSONResponse({"detail": str(error)}, status_code=422)
 
+    application.add_middleware(Guard)
     return application
 
 
@@ -57,7 +61,10 @@ def main() -> None:
     parser.add_argument("--host", default="127.0.0.1", help="address (default: 127.0.0.1)")
     parser.add_argument("--port", type=int, default=8000, help="port (default: 8000)")
     given = parser.parse_args()
-    uvicorn.run(app, host=given.host, port=given.port)
+    # By default, 32 messages of 16 MiB wait for each connection.
+    uvicorn.run(
+        app, host=given.host, port=given.port, ws_max_size=MAX_BODY, ws_max_queue=MAX_WAITING
+    )
 
 
 if __name__ == "__main__":

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import itertools
+import threading
+from functools import lru_cache
 from typing import Any
 from uuid import uuid4
 
 from openenv.core.env_server.interfaces import Environment
 from openenv.core.env_server.types import EnvironmentMetadata
 
-from robotouille.errors import WrongArgumentError, did_you_mean
+from robotouille.errors import RobotouilleError, WrongArgumentError, did_you_mean
 from robotouille.installation import VERSION
 from robotouille_env.models import RobotouilleAction, RobotouilleObservation, RobotouilleState
 from robotouille_evaluation.text_games import (
@@ -27,6 +29,11 @@ ENDLESS = 1_000_000
 """Number of tasks that is reported for an endless split."""
 MAX_LISTED = 1000
 """Most tasks in one answer."""
+BUSY_SECONDS = 60.0
+"""Longest time for which a reset waits for others."""
+_one_at_a_time = threading.Lock()
+"""Held while an instance is made, which can take seconds: with many threads at work, the server
+would answer nobody."""
 
 
 class RobotouilleEnvironment(
@@ -77,9 +84,9 @@ class RobotouilleEnvironment(
             _text("task", task), _text("split", split), _number("index", index),
             _number("seed", seed),
         )  # fmt: skip
-        instance = load_instance(name, _number("seats", seats))
+        game = _new_game(name, _number("seats", seats), self._options)
         self.close()
-        self._game = TextGame(instance, self._options)
+        self._game = game
         self._episode = _text("episode_id", episode_id) or str(uuid4())
         self._count = 0
         observation = self._observation(0.0)
@@ -172,6 +179,15 @@ class RobotouilleEnvironment(
         )
 
 
+def _new_game(name: str, seats: int | None, options: GameOptions) -> TextGame:
+    if not _one_at_a_time.acquire(timeout=BUSY_SECONDS):
+        raise RobotouilleError("too many games are being made; try again later")
+    try:
+        return TextGame(load_instance(name, seats), options)
+    finally:
+        _one_at_a_time.release()
+
+
 def _chosen(task: str | None, split: str | None, index: int | None, seed: int | None) -> str:
     """Return the name of the instance that a client asks for."""
     if task is not None:
@@ -188,6 +204,8 @@ def _chosen(task: str | None, split: str | None, index: int | None, seed: int | 
         raise WrongArgumentError(str(error)) from None
 
 
+# OpenEnv calls this on its event loop, and all instances of a data set take a while to list.
+@lru_cache(maxsize=len(SPLIT_NAMES))
 def _instances(split: str) -> Instances:
     if split not in SPLIT_NAMES:
         near = did_you_mean(split, SPLIT_NAMES) or f"; expected one of {', '.join(SPLIT_NAMES)}"
