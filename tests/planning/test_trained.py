@@ -88,7 +88,7 @@ def test_files_that_are_no_actors_are_refused(tmp_path: Path) -> None:
             read_actor(path)
 
 
-def file_with(path: Path, packing: int = zipfile.ZIP_DEFLATED, **entries: object) -> None:
+def file_with(path: Path, entries: dict[str, object], packing: int = zipfile.ZIP_DEFLATED) -> None:
     """Write an actor's file in which some entries are replaced. Bytes are the whole entry."""
     write_actor(path, eager(World("training/03@2"), "move"))
     with np.load(path) as arrays:
@@ -125,7 +125,7 @@ def entry(shape: str, kind: str = "<f2", content: bytes = b"") -> bytes:
 )
 def test_hostile_arrays_are_refused(entries: dict[str, object], tmp_path: Path) -> None:
     path = tmp_path / "bad.npz"
-    file_with(path, **entries)
+    file_with(path, entries)
     with pytest.raises(FileError, match="not a trained policy") as raised:
         read_actor(path)
     assert "\n" not in str(raised.value)
@@ -133,13 +133,13 @@ def test_hostile_arrays_are_refused(entries: dict[str, object], tmp_path: Path) 
 
 def test_hostile_archives_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "bad.npz"
-    file_with(path, packing=zipfile.ZIP_LZMA)
+    file_with(path, {}, zipfile.ZIP_LZMA)
     with pytest.raises(FileError, match="compressed in another way"):
         read_actor(path)
-    file_with(path, more=np.zeros(65 << 20, np.uint8))
+    file_with(path, {"more": np.zeros(65 << 20, np.uint8)})
     with pytest.raises(FileError, match="arrays are larger than 64 MiB"):
         read_actor(path)
-    file_with(path)
+    file_with(path, {})
     content = bytearray(path.read_bytes())
     content[len(content) // 3 : len(content) // 2] = b"\xff" * (
         len(content) // 2 - len(content) // 3

@@ -17,7 +17,7 @@ import re
 import struct
 import sys
 import zlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Any
 
 import msgpack
@@ -57,6 +57,9 @@ BLOCK = 4 * 1024
 """Bytes in a compressed block. A damaged block is lost as a whole, so blocks are small."""
 PIECE, PLAIN_PIECE = 16 * 1024, 1024 * 1024
 """Bytes given to the decompressor at once, and bytes taken from it at once."""
+
+WHOLE = 4 * 1024
+"""Bytes of a payload that is decoded as a whole: to look for single fields would be slower."""
 
 UNCHECKED = 128 * 1024
 """Bytes of a payload too short to exceed the limits of `unpack`, so the payload is not checked."""
@@ -398,18 +401,42 @@ def frame_ends(stream: bytes, start: int = len(MAGIC)) -> Iterator[int]:
 
 
 def frame_value(
-    stream: bytes, start: int, end: int | None = None, *, checked: bool = False
+    stream: bytes,
+    start: int,
+    end: int | None = None,
+    *,
+    checked: bool = False,
+    without: Collection[str] = (),
 ) -> dict[str, Any]:
     """Decode the whole frame at `start`. RecordingError if its payload is invalid.
 
-    `checked`: True if the frame has been decoded before.
+    Args:
+        checked: True if the frame has been decoded before.
+        without: Fields that the caller ignores. Long frames, which must be `checked`, lack them.
     """
     if end is None:
         end = start + _HEAD + _LENGTH_AND_SUM.unpack_from(stream, start)[0]
+    payload = stream[start + _HEAD : end]
     try:
-        return unpack(stream[start + _HEAD : end], checked=checked)
+        if without and checked and len(payload) > WHOLE:
+            return _unpack_without(payload, without)
+        return unpack(payload, checked=checked)
     except (ValueError, msgpack.UnpackException) as error:
         raise RecordingError(f"damaged at byte {start}: {error}") from None
+
+
+def _unpack_without(payload: bytes, fields: Collection[str]) -> dict[str, Any]:
+    """Decode a map without some of its fields. To skip a value is much faster than to decode it."""
+    decoder = msgpack.Unpacker(max_buffer_size=len(payload))
+    decoder.feed(payload)
+    found = {}
+    for _ in range(decoder.read_map_header()):
+        field = decoder.unpack()
+        if field in fields:
+            decoder.skip()
+        else:
+            found[field] = decoder.unpack()
+    return found
 
 
 def step_number(stream: bytes, start: int) -> int | None:

@@ -66,7 +66,7 @@ def seatings(recording: Recording) -> Iterator[tuple[int, Mapping[str, Seating]]
     # Replaced and never changed: the caller may keep each mapping that this function yields.
     seats: dict[str, Seating] = dict.fromkeys(recording.world.players, Seating())
     begun = False
-    for frame in recording.each_frame():
+    for frame in recording.each_frame(states=False):
         if frame["kind"] == "notes":
             seats = {**seats, **dict(_changes(frame["notes"], seats))}
         elif frame["kind"] == "step":

@@ -45,8 +45,8 @@ class Frames(Protocol):
         """A world of the task that was played."""
         ...
 
-    def each_frame(self) -> Iterator[dict[str, Any]]:
-        """Yield the frames in order."""
+    def each_frame(self, *, states: bool = True) -> Iterator[dict[str, Any]]:
+        """Yield the frames in order; without `states`, `STATE_FIELDS` may be missing."""
         ...
 
 
@@ -65,6 +65,11 @@ class FrameSource(Frames, Protocol):
         """Take a recorded step in a state."""
         ...
 
+
+STATE_FIELDS = frozenset(
+    {"add", "atoms", "facts", "hash", "objects", "orders", "remove", "tables", "timers", "undone"}
+)
+"""Fields of frames that only describe states. In a hostile recording, they can be very long."""
 
 # A pattern and not a list of codes: a recording of a later version may have new codes for
 # unreadable messages.

@@ -35,7 +35,7 @@ def activities(recording: Frames) -> Iterator[tuple[int, StepActivity]]:
     busy: Mapping[str, int] = {}
     controllers = dict.fromkeys(players, Controller.FREE)
     refused: set[str] = set()
-    for frame in recording.each_frame():
+    for frame in recording.each_frame(states=False):
         if frame["kind"] == "header":
             by_turns = frame["rules"]["clock"] == Clock.TURN
         elif frame["kind"] == "state":
@@ -169,7 +169,7 @@ def measures(recording: FrameSource) -> Measures:
     tallies: dict[str, Counter[str]] = {player: Counter() for player in world.players}
     people = dict.fromkeys(world.players, ("", ""))
     clock, steps, milliseconds, reason = "", 0, 0, ""
-    for frame in recording.each_frame():
+    for frame in recording.each_frame(states=False):
         if frame["kind"] == "header":
             clock = frame["rules"]["clock"]
         elif frame["kind"] == "step":

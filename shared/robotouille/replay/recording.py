@@ -26,7 +26,7 @@ from robotouille.replay.container import (
     plain,
     step_number,
 )
-from robotouille.replay.frame_schema import check_frame
+from robotouille.replay.frame_schema import STATE_FIELDS, check_frame
 from robotouille.replay.measures import Measures, measures
 from robotouille.replay.recorder import keyframe, step_frames
 from robotouille.replay.transitions import Transition, transitions
@@ -162,11 +162,15 @@ class Recording:
         if closed and self.outcome is None:
             raise RecordingError(f"damaged at byte {self.whole}: a closed file without a footer")
 
-    def each_frame(self) -> Iterator[dict[str, Any]]:
-        """Yield the frames in order."""
-        position = len(MAGIC)
+    def each_frame(self, *, states: bool = True) -> Iterator[dict[str, Any]]:
+        """Yield the frames in order.
+
+        Args:
+            states: False if the caller ignores the fields in `STATE_FIELDS`, which may be missing.
+        """
+        position, without = len(MAGIC), () if states else STATE_FIELDS
         for end in self._each_end():
-            yield frame_value(self.stream, position, end, checked=True)
+            yield frame_value(self.stream, position, end, checked=True, without=without)
             position = end
 
     def _each_end(self) -> Iterator[int]:
@@ -215,7 +219,7 @@ class Recording:
             # Most frames are steps, and decoding takes ten times as long as finding their number.
             number = step_number(self.stream, position)
             if number is None:
-                frame = frame_value(self.stream, position, end, checked=True)
+                frame = frame_value(self.stream, position, end, checked=True, without=STATE_FIELDS)
                 step = frame["step"] if frame["kind"] == "step" else step
                 for note in frame.get("notes", ()):
                     yield {"step": step, **note}

@@ -287,7 +287,7 @@ class _Reading:
         del self._deltas[length:], self._moves[length:]
         self._log = [row for row in self._log if row[0] <= length]
 
-    def each_frame(self) -> Iterator[dict[str, Any]]:
+    def each_frame(self, *, states: bool = True) -> Iterator[dict[str, Any]]:
         """Yield the frames, each after it was converted."""
         for frame in self._recording.each_frame():
             step = len(self._deltas)

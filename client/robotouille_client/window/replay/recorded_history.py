@@ -255,7 +255,7 @@ class _Frames:
     def world(self) -> World:
         return self._recording.world
 
-    def each_frame(self) -> Iterator[dict[str, Any]]:
+    def each_frame(self, *, states: bool = True) -> Iterator[dict[str, Any]]:
         stream, position = self._recording.stream, len(MAGIC)
         for end in frame_ends(stream):
             if end > self._recording.whole:

@@ -12,7 +12,7 @@ import zipfile
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -117,7 +117,7 @@ UNREADABLE = (
 """Errors of NumPy and of the archive about a file's content."""
 
 
-def _check_archive(file: BinaryIO) -> None:
+def _check_archive(file: IO[bytes]) -> None:
     if file.seek(0, io.SEEK_END) > MAX_BYTES:
         raise ValueError(f"it is larger than {MAX_BYTES >> 20} MiB")
     with zipfile.ZipFile(file) as archive:
