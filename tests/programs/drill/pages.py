@@ -270,7 +270,9 @@ class Table:
         tell("opened", who=name, seats=2)
         async with asyncio.TaskGroup() as group:
             group.create_task(partner.play(created.code, PARTNER))
-            await self._visit(f"{name}person", created, accidents(self._seed, game), chance)
+            # Several people begin with different accidents.
+            fates = accidents(self._seed, game + self._number)
+            await self._visit(f"{name}person", created, fates, chance)
 
     async def _open(self, name: str, spec: GameSpec) -> messages.Created:
         async with reachable(self._url, name) as client:
