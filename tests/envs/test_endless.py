@@ -171,3 +171,16 @@ def test_wrong_options_of_reset_are_rejected(options: dict[str, Any], words: str
         RobotouilleEnv(ONE, instances="endless").reset(options=options)
     with pytest.raises(WrongArgumentError, match="level: expected 0 to 0, found 3"):
         RobotouilleEnv(ONE, levels=[Level()]).reset(options={"level": 3})
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"levels": None}, "levels: expected a list of Level, found None"),
+        ({"levels": Level}, "levels: expected a list of Level"),
+        ({"instances": 5}, "instances: expected a list, found 5"),
+    ],
+)
+def test_options_that_are_no_lists_are_refused(options: Any, message: str) -> None:
+    with pytest.raises(WrongArgumentError, match=message):
+        RobotouilleEnv("synchronous/01", **options)

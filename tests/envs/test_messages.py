@@ -89,5 +89,8 @@ def test_wrong_messages_are_rejected(wrong: Any) -> None:
 def test_one_agent_sends_no_messages(make: Any) -> None:
     with pytest.raises(WrongArgumentError, match="tokens: only parallel_env"):
         make(TEAM, tokens=3)
-    with pytest.raises(WrongArgumentError, match="tokens: expected 0 or more, found -1"):
+    with pytest.raises(WrongArgumentError, match="tokens: expected 0 to 1000, found -1"):
         make(TEAM, tokens=-1)
+    # Each message has a column, so a million would take minutes.
+    with pytest.raises(WrongArgumentError, match="tokens: expected 0 to 1000, found 1000000"):
+        make(TEAM, tokens=1_000_000)

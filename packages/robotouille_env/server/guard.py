@@ -1,7 +1,7 @@
 """Limits on what strangers can send to the application: other web pages, and large bodies.
 
 OpenEnv's server has neither. It also parses bodies of any type as JSON, so a web page of another
-site could open sessions with the browser of somebody who runs the server.
+site could open sessions through the browser of the person who runs the server.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple, TypedDict, TypeVar
@@ -68,6 +68,9 @@ class StepsToGoPotential:
 
 ENDLESS = "endless"
 """Value of `instances` for a new first state in each episode."""
+
+MAX_TOKENS = 1000
+"""Most messages that an agent can choose from. Each is a column of the observations."""
 
 MAX_STEPS = 300
 """Default number of steps after which an episode of a task with a goal is truncated."""
@@ -208,10 +211,13 @@ class EnvRules:
             object.__setattr__(
                 self, "perspective", _one_of(Perspective, "perspective", self.perspective)
             )
-        if not all(isinstance(level, Level) for level in self.levels):
+        if not isinstance(self.instances, Iterable):
+            raise WrongArgumentError(f"instances: expected a list, found {self.instances!r}")
+        levels = self.levels if isinstance(self.levels, Iterable) else [self.levels]
+        if not all(isinstance(level, Level) for level in levels):
             raise WrongArgumentError(f"levels: expected a list of Level, found {self.levels!r}")
-        if isinstance(self.tokens, bool) or not isinstance(self.tokens, int) or self.tokens < 0:
-            raise WrongArgumentError(f"tokens: expected 0 or more, found {self.tokens!r}")
+        if type(self.tokens) is not int or not 0 <= self.tokens <= MAX_TOKENS:
+            raise WrongArgumentError(f"tokens: expected 0 to {MAX_TOKENS}, found {self.tokens!r}")
         if not isinstance(self.sight, Sight | None):
             raise WrongArgumentError(f"sight: expected a Sight, found {self.sight!r}")
         if not isinstance(self.goal, bool):
