@@ -20,13 +20,13 @@ except ImportError:
 from robotouille.envs.gymnasium_env import RobotouilleEnv, env_id, register_envs
 from robotouille.envs.levels import Level
 from robotouille.envs.pettingzoo_env import RobotouilleParallelEnv, aec_env, parallel_env
+from robotouille.envs.potential import StepsToGoPotential
 from robotouille.envs.rules import (
     EnvObservation,
     EnvOptions,
     InvalidAction,
     Perspective,
     Reward,
-    StepsToGoPotential,
 )
 from robotouille.envs.vector_env import RobotouilleVectorEnv
 

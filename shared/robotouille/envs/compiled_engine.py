@@ -26,7 +26,7 @@ from robotouille.envs.views import (
     Mask,
     Numbers,
     ObservationView,
-    ObservedState,
+    StateArrays,
     Vector,
 )
 from robotouille.errors import SlotOverflowError
@@ -144,17 +144,17 @@ class BatchRollout:
         self._since: list[Numbers] = []
         if first is not view.world.initial:
             self._copy.set_state(first)
-        self.seen = self._look(self._state.goal_reached)
+        self.arrays = self._new_arrays(self._state.goal_reached)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        kept = self._copy.row, self._state, self._since, self.seen.goal_reached
+        kept = self._copy.row, self._state, self._since, self.arrays.goal_reached
         return _restored_copy, (self._view, *kept)
 
     def restore(self, row: Ints, state: State, since: Sequence[Numbers], reached: bool) -> None:
         """Set the engine's row, and the state from which the later steps are replayed."""
         self._copy.row[:] = row
         self._state, self._since = state, list(since)
-        self.seen = self._look(reached)
+        self.arrays = self._new_arrays(reached)
 
     @property
     def state(self) -> State:
@@ -170,7 +170,7 @@ class BatchRollout:
             applied, reached = self._take_in_world(numbers)
         else:
             self._since.append(numbers)
-        self.seen = self._look(reached)
+        self.arrays = self._new_arrays(reached)
         return applied
 
     def _take_in_world(self, numbers: Numbers) -> tuple[tuple[bool, ...], bool]:
@@ -185,11 +185,11 @@ class BatchRollout:
         self._state = after
         return applied, after.goal_reached
 
-    def _look(self, reached: bool) -> ObservedState:
+    def _new_arrays(self, reached: bool) -> StateArrays:
         vector = np.zeros(self._view.sizes.vector, dtype=np.float32)
         masks = np.zeros(self._parts[-1].stop, dtype=np.int8)
         self._copy.observe(vector, masks)
-        return ObservedState(vector, tuple([masks[part] for part in self._parts]), reached)
+        return StateArrays(vector, tuple([masks[part] for part in self._parts]), reached)
 
 
 def _restored_copy(

@@ -16,7 +16,14 @@ from robotouille.domain.loading import task_names
 from robotouille.domain.task import Task
 from robotouille.envs.observer import Observer
 from robotouille.envs.play import Play
-from robotouille.envs.rules import EnvOptions, EnvRules, Perspective, check_one_agent
+from robotouille.envs.rules import (
+    RENDER_MODES,
+    EnvOptions,
+    EnvRules,
+    Perspective,
+    check_one_agent,
+    check_render_mode,
+)
 from robotouille.envs.views import Mask, picture
 from robotouille.errors import WrongArgumentError
 from robotouille.world.world import State, World
@@ -57,9 +64,6 @@ def register_envs() -> None:
             pettingzoo.register("aec", name, f"{module}:aec_env", kwargs={"task": task})
 
 
-RENDER_MODES = ("ansi", "rgb_array")
-
-
 class RobotouilleEnv(gymnasium.Env[Any, Any]):
     """One agent that controls all players of a task.
 
@@ -85,10 +89,7 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
     def __init__(
         self, task: Task | str, *, render_mode: str | None = None, **options: Unpack[EnvOptions]
     ) -> None:
-        if render_mode not in (None, *RENDER_MODES):
-            raise WrongArgumentError(
-                f"render_mode: expected one of {RENDER_MODES}, found {render_mode!r}"
-            )
+        check_render_mode(render_mode)
         rules = EnvRules.of(task, options)
         check_one_agent(rules)
         self._play = Play(rules)
@@ -147,7 +148,7 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
     def _masks(self) -> tuple[Mask, ...]:
         """Return the valid actions of each player, as far as the agent sees."""
         play = self._play
-        return play.seen.masks if self._seat is None else self._observer.masks(play)
+        return play.arrays.masks if self._seat is None else self._observer.masks(play)
 
     def _info(self, valid: bool) -> dict[str, Any]:
         masks = self._masks()

@@ -118,7 +118,7 @@ class Observer:
         if self.kind is EnvObservation.VECTOR and identity and not self._extended:
             # One array for all agents takes less time than one for each.
             vectors = np.empty((len(seats), self._length), dtype=np.float32)
-            vectors[:, : self._state_size] = play.seen.vector
+            vectors[:, : self._state_size] = play.arrays.vector
             vectors[:, self._state_size :] = self._identities[: len(seats)]
             return list(vectors)
         return [self.observe(play, seat, said) for seat in seats]
@@ -136,7 +136,7 @@ class Observer:
         """
         # A step of the world or the engine takes some microseconds, so the usual case is short.
         if self._plain:
-            return play.seen.vector.copy()
+            return play.arrays.vector.copy()
         if self.kind is EnvObservation.VECTOR:
             return self._vector(play, seat, said)
         players = play.players if seat is None else play.players[seat : seat + 1]
@@ -147,7 +147,7 @@ class Observer:
 
     def masks(self, play: Play) -> tuple[Mask, ...]:
         """Return each player's valid actions, for all that it sees. Do not change them."""
-        masks, sight = play.seen.masks, self._sight
+        masks, sight = play.arrays.masks, self._sight
         if sight is None:
             return masks
         return tuple(self._seeming(play, seat, sight, mask) for seat, mask in enumerate(masks))
@@ -204,7 +204,7 @@ class Observer:
         return np.array([[token == i for i in self._messages] for token in said], np.float32)
 
     def _vector(self, play: Play, seat: int | None, said: Said) -> Vector:
-        state = self._state(play, seat) if self._limited else play.seen.vector
+        state = self._state(play, seat) if self._limited else play.arrays.vector
         vector, size = np.zeros(self._length, dtype=np.float32), self._state_size
         vector[:size] = state
         if seat is not None and self._perspective is Perspective.IDENTITY:
@@ -221,7 +221,7 @@ class Observer:
 
     def _state(self, play: Play, seat: int | None) -> Vector:
         """Return the part of the state that an agent sees, from its perspective."""
-        state = play.seen.vector
+        state = play.arrays.vector
         if self._sight is not None:
             vector = self._visible(play, seat).vector()
             state = np.pad(vector, (0, self._sizes.vector - len(vector)))

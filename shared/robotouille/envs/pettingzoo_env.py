@@ -15,12 +15,17 @@ from pettingzoo.utils import parallel_to_aec
 from robotouille.domain.task import Task
 from robotouille.envs.observer import SILENCE, Observer
 from robotouille.envs.play import Play
-from robotouille.envs.rules import NOTHING, EnvOptions, EnvRules, Perspective
+from robotouille.envs.rules import (
+    NOTHING,
+    RENDER_MODES,
+    EnvOptions,
+    EnvRules,
+    Perspective,
+    check_render_mode,
+)
 from robotouille.envs.views import Mask, largest_team, picture, vector_space
 from robotouille.errors import WrongArgumentError
 from robotouille.world.world import State, World
-
-RENDER_MODES = ("ansi", "rgb_array")
 
 
 class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
@@ -42,10 +47,7 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
     def __init__(
         self, task: Task | str, *, render_mode: str | None = None, **options: Unpack[EnvOptions]
     ) -> None:
-        if render_mode not in (None, *RENDER_MODES):
-            raise WrongArgumentError(
-                f"render_mode: expected one of {RENDER_MODES}, found {render_mode!r}"
-            )
+        check_render_mode(render_mode)
         rules = EnvRules.of(task, options)
         self._play = Play(rules)
         alone = len(largest_team(self._play.views)) == 1
@@ -106,10 +108,10 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
 
     def state(self) -> npt.NDArray[np.float32]:
         """Return the current state as a vector, whatever the agents observe."""
-        return self._play.seen.vector.copy()
+        return self._play.arrays.vector.copy()
 
     def action_mask(self, agent: str) -> Mask:
-        """Return an agent's valid actions, as far as it sees."""
+        """Return the actions of an agent that are valid for all that it sees."""
         return self._observer.masks(self._play)[self._seat[agent]].copy()
 
     def reset(

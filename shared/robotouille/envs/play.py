@@ -10,13 +10,13 @@ from typing import Any, Protocol
 import numpy as np
 
 from robotouille.envs.instances import first_state
+from robotouille.envs.potential import StepsToGoPotential
 from robotouille.envs.rules import (
     NOTHING,
     EnvRules,
     InvalidAction,
     Reward,
     StepResult,
-    StepsToGoPotential,
     engine_plays,
     no_such_action_error,
     not_reset_error,
@@ -25,7 +25,7 @@ from robotouille.envs.views import (
     Mask,
     Numbers,
     ObservationView,
-    ObservedState,
+    StateArrays,
     views_of,
 )
 from robotouille.errors import RobotouilleError, WrongArgumentError
@@ -40,7 +40,7 @@ class Rollout(Protocol):
         """The current state."""
 
     @property
-    def seen(self) -> ObservedState:
+    def arrays(self) -> StateArrays:
         """Arrays of the current state. Callers must not change them."""
 
     def take(self, numbers: Numbers) -> tuple[bool, ...]:
@@ -57,11 +57,11 @@ class WorldRollout:
     def __init__(self, view: ObservationView, first: State) -> None:
         self._view = view
         self.state = first
-        self.seen: ObservedState = view.seen(self.state)
+        self.arrays: StateArrays = view.arrays(self.state)
 
     def take(self, numbers: Numbers) -> tuple[bool, ...]:
         after, applied = self._view.after(self.state, numbers)
-        self.seen = self._view.seen(after)
+        self.arrays = self._view.arrays(after)
         self.state = after
         return applied
 
@@ -82,7 +82,7 @@ class Play:
         self.view = self.views[0]
         self.players = self.view.world.players
         self._rollout: Rollout | None = None
-        self._seen: ObservedState | None = None
+        self._arrays: StateArrays | None = None
         self.steps = 0
         self.over = True
         shaped = rules.reward is Reward.SHAPED
@@ -112,15 +112,15 @@ class Play:
         return self._rollout.state
 
     @property
-    def seen(self) -> ObservedState:
+    def arrays(self) -> StateArrays:
         """Arrays of the current state. Callers must not change them.
 
         Raises:
             RobotouilleError: No episode has begun.
         """
-        if self._seen is None:
+        if self._arrays is None:
             raise not_reset_error()
-        return self._seen
+        return self._arrays
 
     def begin(self, random: np.random.Generator, options: dict[str, Any] | None) -> None:
         """Begin an episode of the requested instance, or of a random one.
@@ -132,7 +132,7 @@ class Play:
         self.view, first = first_state(self.rules, self.views, self.view, random, options)
         self.players = self.view.world.players
         self._rollout = rollout = self._begin(self.view, first)
-        self._seen = rollout.seen
+        self._arrays = rollout.arrays
         self.steps, self.over = 0, False
         if self._potential is not None:
             self._worth = self._worth_of(rollout.state)
@@ -146,23 +146,23 @@ class Play:
             InapplicableError: An action is not valid, and the rules make that an error.
             RobotouilleError: The episode has ended, or none has begun.
         """
-        rollout, seen = self._rollout, self._seen
-        if rollout is None or seen is None:
+        rollout, arrays = self._rollout, self._arrays
+        if rollout is None or arrays is None:
             raise not_reset_error()
         if self.over:
             raise RobotouilleError("reset the environment: the episode has ended")
-        wanted = self._valid(seen.masks, numbers)
+        wanted = self._valid(arrays.masks, numbers)
         applied = rollout.take(wanted)
         if None in wanted:  # Doing nothing is always applied.
             idle = (number in (None, NOTHING) for number in numbers)
             applied = tuple(a or nothing for a, nothing in zip(applied, idle, strict=True))
-        score, seen = seen.score, rollout.seen
-        self._seen = seen
+        score, arrays = arrays.score, rollout.arrays
+        self._arrays = arrays
         self.steps += 1
-        terminated = seen.goal_reached or seen.over
+        terminated = arrays.goal_reached or arrays.over
         truncated = not terminated and self.steps >= self.rules.step_limit(self.view.world)
         self.over = terminated or truncated
-        reward = 1.0 if seen.goal_reached else float(seen.score - score)
+        reward = 1.0 if arrays.goal_reached else float(arrays.score - score)
         if self._potential is not None:
             before, self._worth = self._worth, self._worth_of(rollout.state)
             reward += self.rules.weight * (self.rules.gamma * self._worth - before)

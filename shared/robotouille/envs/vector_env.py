@@ -13,6 +13,7 @@ from gymnasium.vector.utils import batch_space
 
 from robotouille.domain.task import Task
 from robotouille.envs.play import Play
+from robotouille.envs.potential import StepsToGoPotential
 from robotouille.envs.rules import (
     ActionRows,
     BatchStepResult,
@@ -21,7 +22,6 @@ from robotouille.envs.rules import (
     EnvOptions,
     EnvRules,
     Reward,
-    StepsToGoPotential,
     check_one_agent,
     engine_plays,
     not_reset_error,
@@ -85,10 +85,10 @@ class PlayedCopies:
         return BatchStepResult(rewards, terminated, truncated, valid)
 
     def vectors(self) -> Vector:
-        return np.array([play.seen.vector for play in self.plays])
+        return np.array([play.arrays.vector for play in self.plays])
 
     def masks(self) -> Mask:
-        return np.array([np.concatenate(play.seen.masks) for play in self.plays])
+        return np.array([np.concatenate(play.arrays.masks) for play in self.plays])
 
 
 Arrays = tuple[

@@ -64,7 +64,7 @@ class Sizes(NamedTuple):
     actions: tuple[int, ...]
 
 
-class ObservedState(NamedTuple):
+class StateArrays(NamedTuple):
     """The arrays of a state, which must not be changed, and whether the goal is reached.
 
     In a shift, `over` is True at its end, and `score` are the points so far.
@@ -89,7 +89,7 @@ class ObservationView:
         self.sizes = sizes
         self.actions = tuple(world.ground_actions(player) for player in world.players)
         self._encoding = world.encoding
-        self._seen: dict[tuple[int, Timers, Orders | None], ObservedState] = {}
+        self._known: dict[tuple[int, Timers, Orders | None], StateArrays] = {}
         item = 4 * sizes.vector + sum(sizes.actions) + 1_000
         self._room = max(100, MAX_KEPT_BYTES // item)
 
@@ -102,22 +102,22 @@ class ObservationView:
     def __reduce__(self) -> tuple[Any, ...]:
         return _shared_view, (self.world, self.sizes)
 
-    def seen(self, state: State) -> ObservedState:
+    def arrays(self, state: State) -> StateArrays:
         """Return a state's arrays, which must not be changed."""
         key = state.facts, state.timers, state.orders
-        found = self._seen.get(key)
+        found = self._known.get(key)
         if found is None:
-            if len(self._seen) >= self._room:
-                self._seen.clear()
-            found = self._seen[key] = self._look(state)
+            if len(self._known) >= self._room:
+                self._known.clear()
+            found = self._known[key] = self._new_arrays(state)
         return found
 
-    def _look(self, state: State) -> ObservedState:
+    def _new_arrays(self, state: State) -> StateArrays:
         masks = (state.mask(player).view(np.int8) for player in self.world.players)
         padded = tuple(map(_padded, masks, self.sizes.actions))
         vector = _padded(state.vector(), self.sizes.vector)
         score = 0 if state.orders is None else state.orders.score
-        return ObservedState(vector, padded, state.goal_reached, state.shift_over, score)
+        return StateArrays(vector, padded, state.goal_reached, state.shift_over, score)
 
     def action(self, state: State, place: int, number: int) -> GroundAction | None:
         """Return a player's action of a number, or None if the instance or the state lacks it."""
