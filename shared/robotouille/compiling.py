@@ -35,8 +35,8 @@ COMPILED = _numba is not None
 def warn_if_slow(what: str, times: int) -> None:
     """Warn that something is slow because numba is not installed.
 
-    Python shows the warning once for each line that calls the caller of this function. With
-    `ROBOTOUILLE_COMPILE=0`, there is no warning.
+    Python shows the warning once for each line that calls the caller of this function.
+    `ROBOTOUILLE_COMPILE=0` hides it.
     """
     if not COMPILED and os.environ.get("ROBOTOUILLE_COMPILE") != "0":
         warnings.warn(

@@ -167,7 +167,7 @@ def test_arrays_of_another_shape_raise() -> None:
 
 def test_missing_compiler_is_announced(monkeypatch: pytest.MonkeyPatch) -> None:
     world = World("training/01")
-    BatchWorld(world, 1)  # ROBOTOUILLE_COMPILE=0 in tests, so there is no warning.
+    BatchWorld(world, 1)  # ROBOTOUILLE_COMPILE=0 in tests hides the warning.
     monkeypatch.setattr("robotouille.compiling.COMPILED", False)
     monkeypatch.delenv("ROBOTOUILLE_COMPILE")
     with pytest.warns(RuntimeWarning, match=r"300 times slower .* 'robotouille\[fast\]'"):

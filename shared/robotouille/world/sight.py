@@ -60,8 +60,8 @@ class Seen(NamedTuple):
         state: The state without facts and effects of things out of sight, apart from their
             existence. It is for observations only: steps from it are wrong.
         things: Names of the objects in sight.
-        actions: The player's actions that are valid as far as it sees. If a condition is out of
-            sight, the action may turn out to be invalid.
+        actions: The player's actions whose conditions in sight hold. If another condition is out
+            of sight, the action may turn out to be invalid.
     """
 
     state: State
