@@ -29,10 +29,10 @@ def course() -> list[State]:
     return planned("asynchronous/04", 1)
 
 
-def lived(course: list[State], step: int) -> StepAnimation:
+def lived(course: list[State], step: int, *, settled: bool = False) -> StepAnimation:
     painter = Painter()
     before, now = (Moment(s, painter.stage(s)) for s in course[step - 1 : step + 1])
-    return step_animation(rendering_of(now.state.world.task), now, before)
+    return step_animation(rendering_of(now.state.world.task), now, before, settled=settled)
 
 
 def pictures(course: list[State], step: int, painter: Painter) -> set[bytes]:
@@ -68,6 +68,7 @@ def test_particles_come_from_the_object(course) -> None:
     assert effects(course, 10) == [("effect_sizzle.svg", "patty1")]
     assert effects(course, 15) == [("effect_crumb.svg", "tomato1")]
     assert effects(course, len(course) - 1) == [("effect_star.svg", "robot1")]
+    assert lived(course, len(course) - 1, settled=True).emissions == (), "the cheer is over"
 
 
 @pytest.mark.parametrize(("station", "begins"), [("stove1", 9), ("fryer1", 34)])

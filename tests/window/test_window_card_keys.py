@@ -334,16 +334,24 @@ def test_a_task_from_a_server_has_its_plan_length(
     assert words == best_words(task)
 
 
-@pytest.mark.parametrize(("points", "stars"), [(86, 0), (87, 1), (264, 3)])
-def test_stars_of_a_shift_depend_on_points(points: int, stars: int) -> None:
+@pytest.mark.parametrize(
+    ("points", "stars", "words"),
+    [
+        (86, 0, "One star takes 87 points."), (87, 1, "Two stars take 175 points."),
+        (175, 2, "Three stars take 264 points."), (264, 3, "Three stars take 264 points."),
+    ],
+)  # fmt: skip
+def test_stars_of_a_shift_depend_on_points(points: int, stars: int, words: str) -> None:
     world = World(load_task("shifts/01_sandwich_bar", seats=1, timing="people"))
     view = View(
-        world, world.initial, me="robot1", seats=(SeatView("robot1", "ada", "human", True),)
-    )
+        world, world.initial, won=True, me="robot1",
+        seats=(SeatView("robot1", "ada", "human", True),),
+    )  # fmt: skip
     score = {"points": points, "served": 3, "expired": 0}
     form = end_card(view, {"reason": "shift_over", "steps": 900, "score": score}, BUTTONS)
     (row,) = [row for row in form.rows if isinstance(row, StarsRow)]
-    assert (row.stars, row.label) == (stars, "Three stars take 264 points.")
+    assert (row.stars, row.label) == (stars, words)
+    assert form.title == ("Well done!" if stars else "Shift over")
 
 
 @pytest.mark.parametrize(("acted", "stars"), [(0, 0), (1, 3)])
@@ -366,7 +374,8 @@ def test_stars_follow_from_the_known_plan(steps: int, stars: int) -> None:
     view = View(world, world.initial, me="robot1", won=True, step_seconds=0.2)
     form = end_card(view, {"reason": "goal", "steps": steps, "seconds": 9.0, "seats": []}, BUTTONS)
     (row,) = [row for row in form.rows if isinstance(row, StarsRow)]
-    assert (row.stars, row.label) == (stars, "Three stars take at most 72 steps.")
+    most = {1: "Two stars take at most 89 steps."}.get(stars, "Three stars take at most 72 steps.")
+    assert (row.stars, row.label) == (stars, most)
     lost = end_card(dataclasses.replace(view, won=False), None, BUTTONS)
     assert not [row for row in lost.rows if isinstance(row, StarsRow)]
 

@@ -73,6 +73,13 @@ def test_players_cheer_for_two_seconds_when_the_game_is_won(course) -> None:
     assert picture(Painter(), over) == picture(Painter(), replace(over, since_end=late + 9.0))
 
 
+def test_drops_at_the_end_of_a_lost_game_fall_and_then_vanish(course) -> None:
+    shown = at(course, 1, lost=True, seconds=9.0)
+    assert looks(Painter(), [replace(shown, since_end=s) for s in (0.0, 0.5, 1.0)]) == 3
+    late = replace(shown, since_end=CHEER_SECONDS + 1.0)
+    assert picture(Painter(), late) == picture(Painter(), replace(late, lost=False))
+
+
 def test_idle_players_breathe_and_blink_but_not_in_a_pause(course) -> None:
     shown = at(course, 1, previous=None)
     moments = [replace(shown, seconds=n / 12) for n in range(44)]

@@ -95,7 +95,7 @@ def open_app(options: StartOptions = StartOptions()) -> App:
     settings.prefer(**for_now)
     preferences = settings.preferences
     display = Display(preferences.size, fullscreen=preferences.fullscreen)
-    Screen(display).splash("Robotouille")
+    Screen(display).splash("Loading…")
 
     # The imports below take most of the start-up time, so the window opens before them.
     from robotouille_client.window.app.app import App, UserFiles

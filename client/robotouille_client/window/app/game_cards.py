@@ -97,7 +97,7 @@ class Rating:
     """Stars of a finished game, of three.
 
     Attributes:
-        words: Line that says what three stars take.
+        words: Line that says what the next star takes.
         points: Points of a shift; None for other games.
     """
 
@@ -107,7 +107,7 @@ class Rating:
 
 
 class StarsRow(Row):
-    """Stars of a finished game, with what three of them take.
+    """Stars of a finished game, with what the next one takes.
 
     While the card is new, the points are counted up, and the stars are stamped one by one.
     """
@@ -155,6 +155,7 @@ def end_card(
         buttons: Labels and answers. The first button has the focus.
     """
     rows: list[Row] = []
+    rating = None
     people = [player for player in (view.me, view.companion) if player is not None]
     if outcome is not None:
         rows.append(Words(f"{outcome_words(outcome)}."))
@@ -174,6 +175,8 @@ def end_card(
     title = "Well done!" if view.won else "Game over" if outcome is None else "Not this time"
     if view.won and outcome is not None and only_watched(outcome, people):
         title = "The others did it!"
+    elif rating is not None and not rating.stars:
+        title = "Shift over"
     layout = FormLayout(accent=GOOD if view.won else BAD, shrinks=True)
     return Form(title, rows, cancel=MenuChoice.MENU, layout=layout)
 
@@ -202,8 +205,8 @@ def rate_game(
         points = points_of(outcome) or 0
         if only_watched(outcome, people):
             return Rating(0, IDLE, points)
-        words = f"Three stars take {scores.three} points."
-        return Rating(scores.stars(points), words, points)
+        stars = scores.stars(points)
+        return Rating(stars, f"{_stars_take(stars)} {scores[min(stars, 2)]} points.", points)
     shipped = _shipped(task) if won(outcome) else None
     limits = (
         None
@@ -214,8 +217,14 @@ def rate_game(
         return None
     if only_watched(outcome, people):
         return Rating(0, IDLE)
-    words = f"Three stars take at most {limits.three} steps."
-    return Rating(limits.stars(int(outcome.get("steps", 0))), words)
+    stars = limits.stars(int(outcome.get("steps", 0)))
+    most = limits.two if stars == 1 else limits.three
+    return Rating(stars, f"{_stars_take(stars)} at most {most} steps.")
+
+
+def _stars_take(earned: int) -> str:
+    """Return the beginning of the sentence about the next star."""
+    return ("One star takes", "Two stars take", "Three stars take")[min(earned, 2)]
 
 
 def only_watched(outcome: Mapping[str, Any], people: Collection[str]) -> bool:

@@ -165,7 +165,9 @@ class ChapterRow(Row):
         for number, (level, place) in enumerate(zip(self.levels, places, strict=True)):
             marked = context.focused and number == self.index
             if marked or number == self.next:
+                # The stars are below, so the frame is thin there.
                 edge = place.inflate(size // 2, size // 2)
+                edge.height = place.bottom + 2 - edge.top
                 target.blit(box(edge.size, ACCENT if marked else TEXT, size // 2), edge)
             self._level(target, place, level, context)
 

@@ -66,7 +66,7 @@ def lessons(keys: KeyMap, world: World) -> tuple[Lesson, ...]:
     return (
         Lesson("walk", "Let's walk! Press an arrow key, or click on a station."),
         Lesson("take", f"Walk to an ingredient and take it: press {use}, or click."),
-        Lesson("put", f"Carry it to another station and put it down: press {use}, or click."),
+        Lesson("put", f"Carry it to an empty table and put it down: press {use}, or click."),
         Lesson("work", f"Time to work: {bring}, put it down, and press {use}{until}."),
     )
 
@@ -79,7 +79,7 @@ class TutorialSource(GameSource):
         self._lessons = list(lessons(keys, source.view().world))
         self._worked: tuple[State, GroundAction] | None = None
         self._taken_from: State | None = None
-        self._goal_key = keys.words(Command.LIST)
+        self._list_key = keys.words(Command.LIST)
 
     @property
     def lesson(self) -> Lesson | None:
@@ -142,7 +142,8 @@ class TutorialSource(GameSource):
         if self.lesson is not None:
             return self.lesson.words
         goal = view.world.task.goal_description
-        return f"Now finish the task: {goal} {self._goal_key} lists all actions."
+        stack = "Stack what the ticket shows from the bottom up."
+        return f"{goal} {stack} {self._list_key} lists all actions."
 
 
 def _first_work(world: World) -> str:

@@ -60,20 +60,26 @@ class StepAnimation:
 
 
 def step_animation(
-    rendering: RenderingFile, now: Moment, before: Moment | None, *, lost: bool = False
+    rendering: RenderingFile,
+    now: Moment,
+    before: Moment | None,
+    *,
+    lost: bool = False,
+    settled: bool = False,
 ) -> StepAnimation:
     """Return what moves between two moments, or at the first moment of a game.
 
-    `lost` says that the game ended without its goal.
+    `lost` says that the game ended without its goal, and `settled` that its end was long ago.
     """
     advanced = set(_advanced(now.state, before.state)) if before is not None else set()
     running = {row.subject for row in now.state.progress() if row.timed and row.running}
     began = set() if before is None else running - {r.subject for r in before.state.progress()}
+    end = () if settled else _at_the_end(rendering, now, before, lost)
     return StepAnimation(
         frozenset(_travels(now.stage, before.stage)) if before is not None else frozenset(),
         frozenset(_working(now, {subject for _, subject in advanced} | began)),
         frozenset(running),
-        (*_emissions(rendering, now, advanced), *_at_the_end(rendering, now, before, lost)),
+        (*_emissions(rendering, now, advanced), *end),
         tuple(
             ToolInUse(rendering.tools[action], subject)
             for action, subject in _under_way(now, advanced)

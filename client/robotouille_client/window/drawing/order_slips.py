@@ -198,7 +198,7 @@ class OrderSlips:
             inner.height = round(layout.text * _NAME) - 2
             rows.top, rows.height = inner.bottom, rows.height - inner.height
             self._draw_layers(surface, rows, layout, self._layers[name], shape.row)
-        worth = self._text.line(f"{self._rules.worth(order, orders.time)}", layout.text, INK)
+        worth = self._text.line(f"+{self._rules.worth(order, orders.time)}", layout.text, INK)
         surface.blit(worth, worth.get_rect(midright=(inner.right, inner.centery)))
         inner.width -= worth.get_width() + pad
         left = inner.x

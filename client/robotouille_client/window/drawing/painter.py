@@ -12,7 +12,7 @@ from robotouille.domain.rendering import NO_WORDS, Language, RenderingFile, rend
 from robotouille.world.world import State, World
 from robotouille_client.window.drawing.animation import Moment, StepAnimation, step_animation
 from robotouille_client.window.drawing.earnings import Earnings
-from robotouille_client.window.drawing.gestures import Gesture, Gestures
+from robotouille_client.window.drawing.gestures import CHEER_SECONDS, Gesture, Gestures
 from robotouille_client.window.drawing.interruptions import (
     Interruptions,
     Notices,
@@ -88,7 +88,7 @@ class Painter:
         self._world: World | None = None
         self._stages: list[tuple[State, SceneSprites]] = []
         self._preloader: Preloader | None = None
-        self._animated: tuple[tuple[State, State | None, bool], StepAnimation] | None = None
+        self._animated: tuple[tuple[State, State | None, bool, bool], StepAnimation] | None = None
         self._lesson = ""
 
     def paint(
@@ -186,7 +186,7 @@ class Painter:
             starts_in=None if view.starts_in is None else float(ceil(view.starts_in)),
         )
         moving = self._panel.moving(view.seconds), self._earnings.pops.moving(view.seconds)
-        return shown, self._gestures_of(view), moving
+        return shown, self._gestures_of(view), moving, self._since_end(view)
 
     def collect_pictures(self) -> int:
         """Take what another thread has drawn; return the number of such pictures so far."""
@@ -214,6 +214,16 @@ class Painter:
         pictures = max(1, round(_EFFECT_PICTURES * (view.step_seconds or 1.0)))
         return int(view.phase * pictures) / pictures
 
+    def _since_end(self, view: View) -> float:
+        """Return the visible seconds since the end of a game: its effects last a moment only."""
+        if view.since_end is None or self._preferences.reduced_motion:
+            return 0.0
+        return min(CHEER_SECONDS, int(view.since_end * _EFFECT_PICTURES) / _EFFECT_PICTURES)
+
+    def _time(self, view: View) -> float:
+        """Return the time in steps. Stars go on flying while the players cheer."""
+        return view.step + view.phase + self._since_end(view) / (view.step_seconds or 1.0)
+
     def _frame(self, view: View, place: Layout) -> SceneFrame:
         stage, poses, animation = self.stage(view.state), self._poses(view), self._animation(view)
         earlier: dict[str, Spot] = {}
@@ -221,7 +231,7 @@ class Painter:
             earlier = spots(place, self.stage(view.previous), poses)
         return SceneFrame(
             stage, poses, spots(place, stage, poses), earlier, animation,
-            self._gestures_of(view), view.phase, view.step + view.phase,
+            self._gestures_of(view), view.phase, self._time(view),
             not self._preferences.reduced_motion,
         )  # fmt: skip
 
@@ -233,11 +243,13 @@ class Painter:
     def _animation(self, view: View) -> StepAnimation:
         """Return what moves in the step of a view; the newest answer is cached."""
         before = view.previous
-        key = (view.state, before, view.lost)
+        settled = self._since_end(view) >= CHEER_SECONDS
+        key = (view.state, before, view.lost, settled)
         if self._animated is None or self._animated[0] != key:
             now = Moment(view.state, self.stage(view.state))
             earlier = None if before is None else Moment(before, self.stage(before))
-            self._animated = (key, step_animation(self._art, now, earlier, lost=view.lost))
+            moves = step_animation(self._art, now, earlier, lost=view.lost, settled=settled)
+            self._animated = (key, moves)
         return self._animated[1]
 
     def _poses(self, view: View) -> dict[str, Pose]:
