@@ -65,6 +65,12 @@ def test_a_pair_plays_alike_whoever_else_is_there(tmp_path: Path) -> None:
     assert found == [each for each in many if (each["first"], each["other"]) == ("random",) * 2]
 
 
+def test_scripted_partner_accepts_that_another_one_waits() -> None:
+    result = cross_play("random", "scripted", "--episodes", "1", "--max-steps", "30")
+    assert result.exit_code == 0, result.output
+    assert "scripted with random: success" in result.output
+
+
 def test_shift_has_points() -> None:
     result = cross_play(
         "random", "--episodes", "1", task="shifts/01_sandwich_bar@2"

@@ -32,14 +32,19 @@ def play_in_lockstep(
     state, steps = start, list[tuple[GroundAction, ...]]()
     while len(steps) < max_steps and not (state.goal_reached or state.shift_over):
         decided = [
-            (bool(getattr(policy, "anticipating", False)), action)
+            (bool(getattr(policy, "anticipating", False)), player, action)
             for player, policy in policies.items()
             if not state.busy_steps(player) and (action := policy.act(state)) is not None
         ]
         # An action that relies on another one of the same step comes after it.
-        step = state.step([action for _, action in sorted(decided, key=lambda pair: pair[0])])
+        decided.sort(key=lambda each: each[0])
+        step = state.step([action for _, _, action in decided])
         steps.append(tuple(each.action for each in step.attempts if each.applied))
-        did = [(each.action.player or "", each.action, each.applied) for each in step.attempts]
+        # The players are those who decided, because an action without a player may be anybody's.
+        did = [
+            (player, each.action, each.applied)
+            for (_, player, _), each in zip(decided, step.attempts, strict=True)
+        ]
         for policy in policies.values():
             policy.observe(did)
         for player, talker in talkers.items():
