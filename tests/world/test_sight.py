@@ -57,6 +57,13 @@ def test_things_out_of_sight_show_nothing_that_changes(name: str, sight: Sight) 
     assert hidden_once
 
 
+def test_nothing_out_of_sight_seems_to_lie_on_itself() -> None:
+    seen = seen_by(World("multi_agent/07@2").initial, "robot1", Sight(2))
+    text = seen.text_view("robot1")
+    assert "Lift potato1 off potato1" not in text
+    assert "Make a cut in potato1" in text
+
+
 def test_hidden_changes_do_not_change_what_is_seen() -> None:
     world, sight = World("multi_agent/01@3"), Sight(2)
     alike = 0

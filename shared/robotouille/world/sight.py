@@ -104,7 +104,10 @@ def seen_by(state: State, player: str, sight: Sight) -> Seen:
         tuple(row for row in state.timers.busy if row[0] in things),
     )
     seen = State(world, state.facts & ~hidden, timers, state.orders)
-    return Seen(seen, things, tuple(_seemingly_valid(state, player, hidden)))
+    # A thing's relation to itself is no secret: otherwise everything out of sight seems to lie on
+    # itself, and players could try to take it from there.
+    doubtful = hidden & ~world.table.reflexive
+    return Seen(seen, things, tuple(_seemingly_valid(state, player, doubtful)))
 
 
 def _in_sight(state: State, player: str, sight: Sight) -> Iterator[str]:

@@ -53,6 +53,7 @@ class AtomTable:
         self.bit: dict[Atom, int] = {}
         self.by_type: dict[str, list[str]] = {kind: [] for kind in domain.object_types}
         self.internal = 0
+        self.reflexive = 0
         self._mentions: dict[str, int] = {}
         self._patterns: dict[tuple[str | None, ...], int] = {}
 
@@ -90,7 +91,10 @@ class AtomTable:
         mask = 1 << len(self.atoms)
         self.bit[atom] = mask
         self.atoms.append(atom)
-        for name in set(atom[1:]):
+        objects = set(atom[1:])
+        if len(objects) < len(atom) - 1:
+            self.reflexive |= mask
+        for name in objects:
             self._mentions[name] = self._mentions.get(name, 0) | mask
         return mask
 
