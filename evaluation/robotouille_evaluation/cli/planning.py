@@ -11,6 +11,7 @@ from typing import get_args
 from rich.console import Console
 
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
+from robotouille.installation import matching_names
 from robotouille.terminal import tell
 from robotouille_client.bots.own_policy import own_policy_maker
 from robotouille_evaluation.agents.custom import asks_a_model, installed_agents, is_custom
@@ -245,11 +246,16 @@ def _instances(
         usual = ("noisy",) if experiment.noisy else ("free",)
     _check_names("dataset", datasets, pack.datasets)
     _check_names("kind of instance", kinds, get_args(InstanceKind))
-    if experiment is not None and not tasks:
-        known = {task.name for task in pack.tasks}
-        tasks = tuple(task for task in experiment.tasks if task in known)
+    if experiment is not None:
+        known, missing = [task.name for task in pack.tasks], pack.missing_tasks(experiment)
+        # The line about the experiment names its tasks that the pack lacks.
+        tasks = tuple(
+            name
+            for name in tasks or experiment.tasks
+            if matching_names(name, known) or not matching_names(name, missing)
+        )
         if not tasks:
-            raise RobotouilleError(f"the pack has no task of {experiment.id}")
+            raise RobotouilleError(f"the pack has no such task of {experiment.id}")
     found = [
         instance
         for instance in pack.instances_of(tasks or None)

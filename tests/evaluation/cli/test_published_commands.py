@@ -162,6 +162,21 @@ def test_experiment_sets_all_conditions(tmp_path: Path, by_chance: Path) -> None
     assert called("benchmark", "resume", tmp_path / "run").exit_code == 0
 
 
+def test_tasks_of_an_experiment_that_the_pack_lacks_are_left_out(
+    tmp_path: Path, by_chance: Path
+) -> None:
+    words = ("--pack", by_chance, "--experiment", EXPERIMENT, "--tasks")
+    both = "synchronous/0,synchronous/1"
+    result = called("benchmark", "run", tmp_path / "run", *words, both)
+    assert result.exit_code == 0, result.output
+    assert "tasks 1 of 2 (not in the pack: synchronous/1)" in result.stderr
+    absent = called("benchmark", "run", tmp_path / "absent", *words, "synchronous/1")
+    assert f"the pack has no such task of {EXPERIMENT}" in absent.stderr
+    unknown = called("benchmark", "run", tmp_path / "unknown", *words, "synchronous/0,noodles")
+    assert unknown.exit_code == 1
+    assert "unknown task 'noodles'" in unknown.stderr
+
+
 def test_folder_of_experiments_is_played_at_once(tmp_path: Path) -> None:
     names = ("ReAct/ablations/one", "ReAct/ablations/two")
     changes = {f"conf/experiments/{name}.yaml": checkouts.EXPERIMENT for name in names}
