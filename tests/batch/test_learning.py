@@ -75,6 +75,10 @@ def test_curves_have_means_and_intervals_over_seeds(tmp_path: Path) -> None:
 
     goals = np.repeat([[0.0], [1.0], [0.5]], 10, axis=1)
     goals[2, 5:] = np.nan
+    short = RunCurves("task", "IPPO", np.arange(3.0), {"goals": goals[:, :3]})
+    write_curves(tmp_path / "short.csv", [short])
+    (point,) = csv.DictReader((tmp_path / "short.csv").read_text().splitlines())
+    assert (point["steps"], point["seeds"]) == ("2", "3")
     path = tmp_path / "curves.csv"
     write_curves(path, [RunCurves("task", "IPPO", np.arange(10.0), {"goals": goals})])
     first, second = csv.DictReader(path.read_text(encoding="utf-8").splitlines())

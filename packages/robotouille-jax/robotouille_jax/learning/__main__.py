@@ -43,10 +43,12 @@ def train(asked: argparse.Namespace, config: Config) -> None:
     runs = len(algorithms) * asked.seeds
     keys = jax.vmap(jax.random.key)(jnp.arange(runs) % asked.seeds)
     central = jnp.array([name == "mappo" for name in algorithms for _ in range(asked.seeds)])
+    device = jax.devices()[0]
+    print(f"{asked.task}: compiling for {device}, which can take minutes", flush=True)
     began = time.perf_counter()
     vmapped = jax.jit(jax.vmap(trainer(environment, config), in_axes=(0, 0, None)))
     run = vmapped.lower(keys, central, jnp.int32(0)).compile()
-    print(f"{asked.task}: {jax.devices()[0]}, compiled in {time.perf_counter() - began:.1f} s")
+    print(f"{asked.task}: {device}, compiled in {time.perf_counter() - began:.1f} s")
     updates = config.updates
     if asked.seconds:
         began = time.perf_counter()
@@ -99,7 +101,9 @@ def _write(
             name = f"{stem}_{algorithm}_{seed}"
             write_weights(asked.out / f"{name}.npz", world, environment.views, actor, name)
         for name, values in parts.items():
-            last = np.nanmean(values[:, -10:], axis=1)
+            # No episode may have ended, or none at the goal.
+            ends = (run[~np.isnan(run)] for run in values[:, -10:])
+            last = [run.mean() if len(run) else np.nan for run in ends]
             print(f"{asked.task}: {algorithm} last 10 rollouts, {name}: {np.round(last, 3)}")
     table = asked.out / f"{stem}_curves.csv"
     write_curves(table, all_curves)

@@ -37,14 +37,16 @@ class RunCurves:
 def rows(curves: RunCurves) -> Iterator[tuple[object, ...]]:
     """Yield the means over seeds with 95 % bootstrap intervals; see `FIELDS`."""
     for measure, values in curves.measures.items():
-        for point in range(0, len(curves.steps) - WINDOW + 1, WINDOW):
-            part = values[:, point : point + WINDOW]
+        # A run shorter than a window has one point, so that no table is empty.
+        window = min(WINDOW, len(curves.steps))
+        for point in range(0, len(curves.steps) - window + 1, window):
+            part = values[:, point : point + window]
             there = ~np.isnan(part).all(axis=1)
             if not there.any():
                 continue
             means = np.nanmean(part[there], axis=1)
             low, high = interval(means)
-            steps = int(curves.steps[point + WINDOW - 1])
+            steps = int(curves.steps[point + window - 1])
             numbers = (f"{x:.4f}" for x in (means.mean(), low, high))
             yield curves.task, curves.algorithm, steps, measure, *numbers, len(means)
 
@@ -68,7 +70,7 @@ def write_curves(path: Path, all_curves: Sequence[RunCurves]) -> None:
 def draw(path: Path, tables: Sequence[Path]) -> None:
     """Draw written curves: a column of panels for each task, with the intervals as areas.
 
-    Nothing is drawn if the runs were too short for a point.
+    Nothing is drawn from empty tables.
 
     Raises:
         ModuleNotFoundError: Matplotlib is not installed.
