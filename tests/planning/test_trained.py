@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from robotouille import FileError, RobotouilleError, World
+from robotouille.planning.policies.lockstep import play_in_lockstep
 from robotouille.planning.policies.trained import (
     Actor,
     TrainedPolicy,
@@ -20,6 +21,8 @@ from robotouille.planning.policies.trained import (
     read_actor,
     write_actor,
 )
+
+WEIGHTS = Path(__file__).parents[2] / "examples/learning/weights"
 
 
 def eager(world: World, action: str) -> Actor:
@@ -62,6 +65,15 @@ def test_other_durations_do_not_matter() -> None:
 
     world = World(load_task("training/03@2", timing="people"))
     TrainedPolicy(eager(World("training/03@2"), "move"), world.initial, "robot1")
+
+
+@pytest.mark.parametrize("path", sorted(WEIGHTS.glob("*.npz")), ids=lambda path: path.stem)
+def test_shipped_policies_cook_with_themselves(path: Path) -> None:
+    actor, start = read_actor(path), World("training/03@2").initial
+    team = {p: TrainedPolicy(actor, start, p, seed=1) for p in start.world.players}
+    plan, last = play_in_lockstep(start, team, 20)
+    assert last.goal_reached
+    assert len(plan) <= 18
 
 
 def test_files_that_are_no_actors_are_refused(tmp_path: Path) -> None:

@@ -156,8 +156,7 @@ class JaxEngine:
         """Return minus the share of goal conditions that do not hold, for shaped rewards.
 
         The variables of the goal stand for the objects for which most conditions hold; see
-        `goal_progress`. The potential is 0 in states with the goal. In a shift, it rises by 1 with
-        each served order.
+        `goal_progress`. The potential is 0 in states with the goal.
         """
         if self._shift is not None and state.orders is not None:
             return self._shift.potential(state.atoms, state.orders)

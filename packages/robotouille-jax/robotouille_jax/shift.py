@@ -110,12 +110,12 @@ class JaxShift:
         return jnp.concatenate([(self.steps - orders.time)[None], left.reshape(-1)])
 
     def potential(self, atoms: Array, orders: CopyOrders) -> Array:
-        """Return the served orders, minus the share of unmet conditions of the nearest open one."""
+        """Return minus the share of unmet conditions of the nearest dish that is ordered."""
         each = jnp.stack([progress(atoms) for progress in self._progress])
         ordered = (orders.number >= 0)[:, None] & (
             self._dish[orders.number][:, None] == jnp.arange(len(each))
         )
-        return orders.served + jnp.max(jnp.where(ordered.any(0), each, -1.0))
+        return jnp.max(jnp.where(ordered.any(0), each, -1.0))
 
     def _served(
         self, atoms: Array, things: Array, orders: CopyOrders, serves: Array

@@ -38,7 +38,7 @@ def train(asked: argparse.Namespace, config: Config) -> None:
     """Train on a task and write the results into the folder `asked.out`."""
     world = World(asked.task)
     horizon = asked.horizon if world.shift is None else world.shift.steps
-    environment = TeamEnvironment(world, horizon, asked.shaping)
+    environment = TeamEnvironment(world, horizon, config.gamma, asked.shaping)
     algorithms = _algorithms(asked.algorithms)
     runs = len(algorithms) * asked.seeds
     keys = jax.vmap(jax.random.key)(jnp.arange(runs) % asked.seeds)
@@ -125,7 +125,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--algorithms", default="ippo,mappo", help="ippo, mappo or both")
     parser.add_argument("--seeds", type=_positive, default=5, help="runs of each algorithm")
     parser.add_argument("--horizon", type=_positive, default=50, help="longest episode")
-    parser.add_argument("--shaping", type=float, default=1.0, help="weight of rewards for progress")
+    parser.add_argument("--shaping", type=float, default=1.0, help="weight of the shaped reward")
     parser.add_argument("--seconds", type=float, help="take fewer rollouts to need at most this")
     parser.add_argument("--no-picture", action="store_true", help="do without Matplotlib")
     for field in fields(Config):

@@ -65,7 +65,8 @@ class TeamEnvironment:
     Args:
         world: The world.
         horizon: Longest episode.
-        shaping: Weight of the rewards for progress; 0 leaves the sparse reward.
+        gamma: Discount of the shaped reward.
+        shaping: Weight of the shaped reward; 0 leaves the sparse one.
 
     Attributes:
         inputs: Length of an input of the networks.
@@ -73,10 +74,10 @@ class TeamEnvironment:
         seats: Number of seats.
     """
 
-    def __init__(self, world: World, horizon: int, shaping: float) -> None:
+    def __init__(self, world: World, horizon: int, gamma: float, shaping: float) -> None:
         batch = JaxBatch(world, 1)
         self._engine = engine = batch.engine
-        self.horizon, self._shaping = horizon, shaping
+        self.horizon, self._gamma, self._shaping = horizon, gamma, shaping
         self.views = views(batch.encoding, world.players)
         self.seats = len(world.players)
         self.inputs = batch.vector_size + self.seats
@@ -122,7 +123,7 @@ class TeamEnvironment:
         time, score = copies.time + 1, copies.score + result.rewards
         terminated = result.terminated | result.overflowed
         ended = terminated | (time >= self.horizon)
-        shaped, progress = self._shaped(copies.states, states)
+        shaped, progress = self._shaped(copies.states, states, terminated)
         outcome = Outcome(
             result.rewards / self._unit + shaped,
             terminated,
@@ -142,15 +143,16 @@ class TeamEnvironment:
         )
         return chosen, outcome, self.seen(states)
 
-    def _shaped(self, before: CopyState, after: CopyState) -> tuple[Array, Array]:
-        """Return the rewards for progress, and the share of conditions that hold."""
+    def _shaped(
+        self, before: CopyState, after: CopyState, terminated: Array
+    ) -> tuple[Array, Array]:
+        """Return the shaped part of the rewards, and the share of conditions that hold."""
         if not self._shaping:
-            zero = jnp.zeros(len(after.overflowed))
-            return zero, zero + jnp.nan
-        # The potential is not discounted. Discounted, it adds the same to the return of every
-        # policy, so policies that do not reach the goal yet learn nothing from it.
+            return jnp.zeros(len(terminated)), jnp.full(len(terminated), jnp.nan)
         reached = self._potential(after)
-        return self._shaping * (reached - self._potential(before)), 1 + reached
+        # The potential of an end is 0, so that shaping does not change which policy is best.
+        potential = jnp.where(terminated, 0.0, reached)
+        return self._shaping * (self._gamma * potential - self._potential(before)), 1 + reached
 
     def _mask(self, states: CopyState, seat: int) -> Array:
         mask = jax.vmap(self._engine.mask, in_axes=(0, None))(states, seat)
