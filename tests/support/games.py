@@ -44,7 +44,8 @@ def play_through(
         for player in world.players:
             mine = episode.on_turn in (None, player) and not episode.state.busy_steps(player)
             if episode.phase is Phase.RUNNING and mine:
-                episode.submit(player, ActionRequest(seq, choose(episode, player)), now)
+                request = ActionRequest(seq, choose(episode, player), anticipates=True)
+                episode.submit(player, request, now)
         episode.tick(now)
         events += episode.events()
     return episode, events
