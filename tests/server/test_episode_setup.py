@@ -145,7 +145,7 @@ FIRST = "multi_agent/01"
         ({"max_steps": 300}, {"clock": "realtime"}, 300),
         ({}, {"clock": "realtime", "timing": "benchmark"}, 500),
         ({}, {"clock": "lockstep"}, 500),
-        ({}, {"clock": "lockstep", "timing": "people"}, 210),
+        ({}, {"clock": "lockstep", "timing": "people"}, 180),
         ({}, {"clock": "realtime", "task": "examples/pancakes"}, 500),
     ],
 )

@@ -116,7 +116,7 @@ def test_a_refused_chat_message_is_reported() -> None:
 def test_step_limits_of_local_games() -> None:
     task = load_task("multi_agent/01", timing="people")
     assert step_limit(task, Clock.REALTIME, 10.0) == 1800
-    assert step_limit(task, Clock.TURN, 10.0) == 210
+    assert step_limit(task, Clock.TURN, 10.0) == 180
     unknown = load_task("examples/pancakes", timing="people")
     assert step_limit(unknown, Clock.REALTIME, 5.0) == NO_CERTIFICATE
 

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 
 from robotouille import State, Task
 from robotouille.certification.certificate import Certificate, Deadline, certify
 from robotouille.certification.certifying import BUDGET
 from robotouille.planning import solvers
 from robotouille.planning.plan import Limits
+from robotouille.processes import spawn_context
 
 SECONDS = 5.0
 
@@ -26,7 +26,7 @@ def searched_plainly(
     before = os.environ.get("ROBOTOUILLE_COMPILE")
     os.environ["ROBOTOUILLE_COMPILE"] = "0"
     try:
-        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        with ProcessPoolExecutor(1, spawn_context()) as pool:
             limit = min(seconds, SECONDS)
             return pool.submit(_answer, task, start, expansions, limit).result()
     finally:

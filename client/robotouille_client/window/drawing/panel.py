@@ -34,6 +34,9 @@ from robotouille_client.window.pictures.theme import (
 from robotouille_client.window.sources.texts import dish_title
 from robotouille_client.window.view import NEWS, View
 
+# Number of steps whose duration fits any type.
+MAX_STEPS = 10**9
+
 
 def with_readable_names(view: View, text: Typesetter) -> View:
     """Return a view in which participants with unreadable names are called by their player."""
@@ -259,7 +262,9 @@ class Panel:
         short = f"{view.step} / {view.max_steps}"
         words = [f"Step {view.step} of {view.max_steps}", short]
         if view.step_seconds is not None:
-            left = _duration(max(0, ceil((view.max_steps - view.step) * view.step_seconds)))
+            # A lying server's limit may be too large for a float.
+            steps = min(max(0, view.max_steps - view.step), MAX_STEPS)
+            left = _duration(ceil(steps * view.step_seconds))
             words = [f"{words[0]} · {left} left", f"{short} · {left}", *words]
         return next((w for w in words if self._text.width(w, size) <= width), short)
 
