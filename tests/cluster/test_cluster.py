@@ -438,6 +438,39 @@ class TestTakeover:
                 assert games[0].own_seats != games[1].own_seats
 
     @virtual
+    @pytest.mark.parametrize("seen", [False, True])
+    async def test_a_step_that_comes_or_goes_after_the_claim_leaves_one_true_recording(
+        self, tmp_path: Path, *, seen: bool
+    ) -> None:
+        async with cluster_of(tmp_path, max_steps=6) as nodes:
+            async with (
+                connect(nodes[0].url, name="ada") as ada,
+                connect(nodes[1].url, name="bob") as bob,
+            ):
+                games = await two_players(nodes, ada, bob)
+                await step(*games)
+                episode, storage = games[0].episode, nodes.nats.storage
+                owner = nodes.owner(episode)
+                owner.bus.cut(answers_only=True)
+                second = asyncio.create_task(step(*games))
+                await asyncio.sleep(0.2)
+                last = storage.messages(episode)[-1].sequence
+                await owner.kill()
+                bring_back = storage.remove_message(episode, last) if not seen else None
+                await second
+                if bring_back is not None:
+                    bring_back()
+                else:
+                    storage.remove_message(episode, last)
+                while not games[0].ended:
+                    await step(*games)
+                await asyncio.sleep(1)
+            (path,) = tmp_path.glob("node*/*.rbt")
+            found = read_recording(path).verify()
+            assert found.ok
+            assert (found.complete, found.steps) == (True, 6)
+
+    @virtual
     async def test_a_game_goes_on_when_its_node_leaves(self, tmp_path: Path) -> None:
         async with cluster_of(tmp_path) as nodes:
             async with (

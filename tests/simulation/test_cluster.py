@@ -162,14 +162,20 @@ def trust_the_directory(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Directory, "look", nothing)
 
 
+def restate_nothing(patch: pytest.MonkeyPatch) -> None:
+    """Continue a journal without writing its end again."""
+    patch.setattr("robotouille_server.cluster.claims.RESTATED", 0)
+
+
 FAULTS = [
-    Fault(ignore_conflicts, (2, 125), "recorded"),
+    Fault(ignore_conflicts, (2, 72), "recorded"),
     Fault(claim_at_once, (1, 2), "which is alive"),
     Fault(claim_everything, (4, 3), "which is alive"),
     Fault(publish_before_writing, (4, 3), "recorded"),
     Fault(omit_a_step, (4, 1), "recorded"),
     Fault(forget_the_last_message, (2, 6), "not taken over"),
-    Fault(trust_the_directory, (73, 100), "has it"),
+    Fault(trust_the_directory, (153,), "has it"),
+    Fault(restate_nothing, (15, 17), "or another content"),
 ]
 
 

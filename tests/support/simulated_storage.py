@@ -121,6 +121,13 @@ class SimulatedStorage:
         entries = self._buckets[bucket].since(0, self.now())
         return {key: entry.value for key, entry in entries if entry is not None}
 
+    def remove_message(self, journal: str, sequence: int) -> Callable[[], None]:
+        """Remove a message, as a server does that is behind the others; return a way back."""
+        messages = self._journals[journal]
+        (index,) = (i for i, (_, one) in enumerate(messages) if one.sequence == sequence)
+        removed = messages.pop(index)
+        return lambda: messages.insert(index, removed)
+
     # Journals
 
     def append(self, writer: str, message: Append) -> int:

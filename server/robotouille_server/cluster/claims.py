@@ -28,6 +28,8 @@ CLAIMS_AT_A_TIME = 3
 """Episodes taken over at a time. With more, all come back late, because they share a processor."""
 MAX_PREPARED = 16
 """Episodes in memory that were restored in advance."""
+RESTATED = 128 * 1024
+"""Last bytes of a journal that its new owner writes again. It has a second of steps many times."""
 HELD_BACK = 2
 """Frames that are not restored in advance: the last step may lack its keyframe."""
 
@@ -149,9 +151,7 @@ class Claims:
         if restored.complete:
             await self._closing.finish(record.episode, record.file, kept=True, content=content)
             return "it has ended"
-        keep = restored.kept if restored.kept < len(content) else None
-        if restored.missing or keep is not None:
-            sequence = await self._append(record, sequence, restored.missing, keep)
+        sequence = await self._restate(record, sequence, content, restored, prepared)
         mine = record.model_copy(update={"node": self._keeper.name, "claim": sequence})
         if not await self._directory.replace(mine):
             return "another node was first"
@@ -211,6 +211,27 @@ class Claims:
         if [message.sequence for message in stored[-2:]] != [claim, fence]:
             raise ConflictError("another node has written to the journal")
         return stored
+
+    async def _restate(
+        self,
+        record: EpisodeRecord,
+        sequence: int,
+        content: bytes,
+        restored: Restored,
+        prepared: Prepared | None,
+    ) -> int:
+        """Write the end of a journal as it was read; return the sequence number of the journal.
+
+        After a loss of power, the servers of NATS may differ for a while: messages that have not
+        been acknowledged appear after they were read, or disappear. From now on the journal is what
+        this node has read.
+        """
+        handed_over = prepared is not None
+        keep = restored.kept if handed_over else max(0, restored.kept - RESTATED)
+        data = content[keep : restored.kept] + restored.missing
+        if not data and keep == len(content):
+            return sequence
+        return await self._append(record, sequence, data, keep)
 
     async def _append(
         self, record: EpisodeRecord, last: int, data: bytes = b"", keep: int | None = None

@@ -6,7 +6,8 @@
 A seed determines everything. Three machines run `ClusterNode` with a `Lobby`; players act in two
 episodes and go from node to node. Nodes are killed, stopped (and continue later as if nothing had
 happened), cut off from NATS or only from its news, and asked to leave. NATS loses its quorum, or
-all messages are slow, lost or repeated for a while. All nodes are killed at once.
+all messages are slow, lost or repeated for a while. All nodes are killed at once; after a loss of
+power, the last message of a journal also appears late, or disappears.
 
 Invariants:
 
@@ -59,7 +60,17 @@ PATIENCE = 240.0
 LINGER_SECONDS = 140.0
 """Seconds after the end of all episodes after which the cluster must have forgotten them."""
 LINGERING = 10
-FAULTS = ("kill", "stop", "cut", "deafen", "lose_quorum", "spoil", "leave", "kill_all")
+FAULTS = (
+    "kill",
+    "stop",
+    "cut",
+    "deafen",
+    "lose_quorum",
+    "spoil",
+    "leave",
+    "kill_all",
+    "lose_power",
+)
 
 
 class ClusterSimulation:
@@ -69,7 +80,7 @@ class ClusterSimulation:
         self.seed = seed
         self.context = copy_context()
         self.loop = SimulatedLoop()
-        self.ending = False
+        self.ending = self.power_fails = False
         self.faults: list[str] = []
         self.processes: list[Process] = []
         self.done: Counter[str] = Counter()
@@ -87,7 +98,34 @@ class ClusterSimulation:
 
     def _stored(self, writer: str, journal: str, message: Stored) -> None:
         self.trace("stored", writer, journal, message.sequence, message.keep, len(message.data))
+        fails = self.power_fails and message.data and ".claim." not in message.id
+        if fails and len(self.nats.storage.messages(journal)) > 1:
+            self.power_fails = False
+            self._kill_all()
+            if self.chance.random() < 0.5:
+                self._hide(writer, journal, message)
+                return
+            self._later(lambda: self._lose(journal, message))
         self.oracle.stored(writer, journal, message)
+
+    def _hide(self, writer: str, journal: str, message: Stored) -> None:
+        """Let a message appear later."""
+        storage = self.nats.storage
+        bring_back = storage.remove_message(journal, message.sequence)
+
+        def appear() -> None:
+            bring_back()
+            if storage.messages(journal)[-1:] == [message]:
+                self.oracle.stored(writer, journal, message)
+
+        self._later(appear)
+
+    def _lose(self, journal: str, message: Stored) -> None:
+        """Let a message disappear, if a node has read it since."""
+        storage = self.nats.storage
+        later = [one for one in storage.messages(journal) if one.sequence > message.sequence]
+        if any(one.data for one in later):
+            storage.remove_message(journal, message.sequence)
 
     def fail(self, fault: str) -> None:
         """Report a broken invariant."""
@@ -238,6 +276,11 @@ class ClusterSimulation:
     def _kill_all(self) -> str:
         for machine in self.machines:
             machine.process.kill()
+        return ""
+
+    def _lose_power(self) -> str:
+        """Kill all nodes when a message is stored that nobody knows to be stored."""
+        self.power_fails = True
         return ""
 
     def _stop(self) -> str:

@@ -50,10 +50,14 @@ class ClusterTruth(EpisodeTruth):
         if message.id in self._ids:
             return
         self._ids.add(message.id)
+        data = message.data
         if message.keep is not None:
-            self.cut(message.keep)
-        if message.data:
-            self.append(len(self.content), message.data)
+            # Who takes a journal over writes its end again.
+            same = _same(self.content[message.keep :], data)
+            self.cut(message.keep + same)
+            data = data[same:]
+        if data:
+            self.append(len(self.content), data)
 
     def has(self, note: dict[str, Any]) -> bool:
         """Return whether a note is recorded."""
@@ -61,6 +65,12 @@ class ClusterTruth(EpisodeTruth):
             self._notes[_text(known)] += 1
         self._counted = len(self.notes)
         return self._notes[_text(note)] > 0
+
+
+def _same(content: bytes, data: bytes) -> int:
+    """Return the number of first bytes that are the same."""
+    pairs = enumerate(zip(content, data, strict=False))
+    return next((n for n, (a, b) in pairs if a != b), min(len(content), len(data)))
 
 
 def _text(note: dict[str, Any]) -> str:
