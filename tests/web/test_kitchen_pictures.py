@@ -39,6 +39,22 @@ LARGEST, MEAN = 12.0, 1.2
 MOVING = ("multi_agent/10@4", "multi_agent/07@2", "asynchronous/10", "workshop/02", "shifts/06@2")
 BEHIND = 0.6
 """Share of a step that has passed in the pictures of moving players."""
+ENDING = """(reason) => {
+  const moment = { step: 1, before: states[0], stepSeconds: 1, receivedAt: 1, outcome: { reason } };
+  kitchen.show(states[1], moment);
+  const drawn = {}, emitted = {};
+  for (const [name, first, last] of [["moving", 10, 10.5], ["over", 13, 13.02]]) {
+    kitchen.draw(first);
+    drawn[name] = kitchen.draw(last);
+    emitted[name] = kitchen.animated.animation.emissions.length;
+  }
+  kitchen.reducedMotion = true;
+  kitchen.ended = null;
+  kitchen.draw(20);
+  drawn.reduced = kitchen.draw(20.5);
+  return [drawn, emitted];
+}"""
+"""Draws moments of a game's end; returns whether later frames differ, and numbers of effects."""
 
 
 @pytest.fixture(scope="module")
@@ -89,6 +105,17 @@ def test_play_looks_like_that_of_the_window(page: Any, name: str) -> None:
     states = planned_game(load_task(name), 60)
     steps = tuple(step for step in (9, 23, 47) if step < len(states))
     compare(page, states, steps, BEHIND)
+
+
+@pytest.mark.parametrize("reason", ["goal", "step_limit"])
+def test_effects_of_the_end_move_and_vanish(page: Any, reason: str) -> None:
+    states = planned_game(load_task("synchronous/01"), 2)
+    game = {**recorded(states, look_of(states[0].world.task)), "me": None}
+    page.evaluate("([game, ...size]) => begin(game, ...size)", [game, *SIZE, 1])
+    drawn, emitted = page.evaluate(ENDING, reason)
+    # The first frame of the end begins at 10 s. Nobody blinks at these times.
+    assert drawn == {"moving": True, "over": False, "reduced": False}
+    assert emitted["moving"] > 0 == emitted["over"]
 
 
 def test_frames_of_the_largest_task(page: Any) -> None:

@@ -270,46 +270,48 @@ export class Kitchen {
     const poses = this.motion.poses(state, before, step, passed);
     if (!this.outcome) this.ended = null;
     else if (this.ended === null) this.ended = now;
-    const animation = this.animation(state, before);
+    const since = this.ended === null ? null : now - this.ended;
+    // The effects of the end last as long as the players cheer.
+    const animation = this.animation(state, before, (since ?? 0) < CHEER_SECONDS ? this.outcome : "");
     const stage = this.stage(state);
     const phase = this.visiblePhase(passed, animation);
-    const since = this.ended === null ? null : now - this.ended;
+    const flown = Math.floor((still ? 0 : Math.min(since ?? 0, CHEER_SECONDS)) * EFFECT_PICTURES);
     const held = new Set([...poses.keys()].filter((name) => stage.piles.has(name)));
     const { outcome } = this;
     const moment = { phase, seconds: now, since, outcome, still, held };
     const postures = gestures(poses, animation, moment);
-    const key = this.key(phase, postures);
+    const key = this.key([phase, flown], postures);
     if (key === this.lastKey) return false;
     this.lastKey = key;
     this.poses = phase === passed ? poses : this.motion.poses(state, before, step, phase);
     this.spots = spots(this.layout, stage, this.poses);
     const earlier = before ? spots(this.layout, this.stage(before), this.poses) : this.spots;
-    // Stars go on flying while the players cheer.
-    const time = step + phase + Math.min(since ?? 0, CHEER_SECONDS) / seconds;
+    const time = step + phase + flown / EFFECT_PICTURES / seconds;
     this.paint({ state, before, stage, animation, postures, phase, earlier, time });
     return true;
   }
 
   /**
    * Return a text that changes whenever the picture would.
-   * @param {number} phase @param {Map<string, Gesture>} postures
+   * @param {number[]} times The phase, and the pictures of effects since the end of the game.
+   * @param {Map<string, Gesture>} postures
    */
-  key(phase, postures) {
+  key(times, postures) {
     const { sprites, me, hover, mark, pointing } = this;
     return JSON.stringify([
-      phase, sprites.revision, me, hover, mark, pointing, this.outcome,
+      times, sprites.revision, me, hover, mark, pointing, this.outcome,
       [...postures.values()], this.seats, [...this.waitsFor], [...this.rejected],
       this.changes,
     ]);
   }
 
-  /** @param {State} state @param {State | null} before */
-  animation(state, before) {
-    const { outcome: key, animated } = this;
+  /** @param {State} state @param {State | null} before @param {string} key The outcome, if any. */
+  animation(state, before, key) {
+    const { animated } = this;
     if (animated?.state === state && animated.before === before && animated.key === key) {
       return animated.animation;
     }
-    const animation = stepAnimation(this.look, state, before, this.outcome);
+    const animation = stepAnimation(this.look, state, before, key);
     const [work, then] = [workInProgress(state), before ? workInProgress(before) : []];
     const advances = JSON.stringify(before?.progress()) !== JSON.stringify(state.progress());
     this.animated = { key, state, before, animation, work, then, advances };
