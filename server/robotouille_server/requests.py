@@ -20,7 +20,6 @@ from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille_server.auth import (
-    MAX_SEAT,
     CodeGuessLimiter,
     ConnectionLimiter,
     Role,
@@ -162,15 +161,13 @@ class Services:
     def seat_links(self, room: Room, participants: Mapping[str, str], owner: str) -> dict[str, str]:
         """Return a personal link for each seat, with the subject and validity of its token.
 
-        A link is the part of the page's address after `#`. Seats with names that are too long for
-        a link are left out.
+        A link is the part of the page's address after `#`.
         """
         return {
             player: self.tokens.mint_link(
                 subject, seconds=_validity(room), code=room.code, seat=player
             )
             for player, subject in _subjects(room, participants, owner).items()
-            if len(player.encode()) <= MAX_SEAT
         }
 
 

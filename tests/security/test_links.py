@@ -34,7 +34,7 @@ SUBJECTS = st.one_of(
 LINKS = st.builds(
     Link,
     code=st.from_regex(r"[A-Z]{5}-[A-Z]{5}", fullmatch=True),
-    seat=st.sampled_from(["", "robot1", "robot16", "a-much-longer-name-of-a-seat"]),
+    seat=st.sampled_from(["", "robot1", "robot16", "a-much-longer-name-of-a-seat", "s" * 32, "s" * 64]),
     subject=SUBJECTS.filter(lambda text: len(text.encode()) < 70),
     expires=st.integers(1, 2**24 - 1).map(lambda hours: 3600.0 * hours),
     once=st.booleans(),
@@ -134,7 +134,7 @@ def test_link_expires_at_a_whole_hour_and_can_be_revoked() -> None:
 
 
 @pytest.mark.parametrize(
-    "fields", [{"code": "0123456789abcdef"}, {"code": CODE, "seat": "x" * 32}, {"code": ""}]
+    "fields", [{"code": "0123456789abcdef"}, {"code": CODE, "seat": "x" * 65}, {"code": ""}]
 )
 def test_invalid_values_make_no_link(fields: dict[str, str]) -> None:
     tokens = Tokens(Keyring([KEY]), lambda: 1.8e9)

@@ -1,6 +1,5 @@
 """Authentication and authorization: visitors, roles, tokens and signing keys."""
 
-from robotouille_server.auth.links import MAX_SEAT
 from robotouille_server.auth.private_files import read_private
 from robotouille_server.auth.revocation import UsedTokens
 from robotouille_server.auth.roles import (
@@ -38,7 +37,6 @@ from robotouille_server.auth.visitors import (
 )
 
 __all__ = [
-    "MAX_SEAT",
     "PROXY_HEADERS",
     "AccessSettingError",
     "CodeGuessLimiter",

@@ -10,6 +10,9 @@ accepts it:
     last 12     first bytes of HMAC-SHA256 over `robotouille/link` (for a spectator
                 `robotouille/watch`), the code and all bytes before
 
+The length of a seat of more than 31 bytes follows the end of validity, and `robotouille/seat` is
+signed.
+
 96 bits of a signature are enough: a guess needs a connection.
 """
 
@@ -21,18 +24,20 @@ import hashlib
 import hmac
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 from robotouille_server.auth.keys import Key
 from robotouille_server.runtime.workers import plain_code
 
-_LINK = re.compile(r"([A-Z-]{6,20})\.([A-Za-z0-9_-]{22,148})", re.ASCII | re.IGNORECASE)
-_PURPOSE, _WATCHING = b"robotouille/link\0", b"robotouille/watch\0"
+_LINK = re.compile(r"([A-Z-]{6,20})\.([A-Za-z0-9_-]{22,194})", re.ASCII | re.IGNORECASE)
+_PURPOSE, _WATCHING, _LONG = b"robotouille/link\0", b"robotouille/watch\0", b"robotouille/seat\0"
 _SIGNATURE = 12
 _HOUR = 3600
-MAX_SEAT, MAX_SUBJECT = 31, 64
+MAX_SEAT, MAX_SUBJECT = 64, 64
 """Longest parts of a link, in bytes."""
+_LENGTH = 31
+"""Bits of the first byte that are a seat's length."""
 _RAW, _PARTICIPANT, _NUMBERED, _SPECTATOR = range(4)
 _PSEUDONYM = re.compile(r"participant-([0-9a-f]{16})")
 _ANONYMOUS = re.compile(r"([0-9a-f]{16})-([1-9][0-9]?)")
@@ -77,13 +82,16 @@ def pack_link(link: Link, key: Key) -> str:
     for name, part, most in (("seat", seat, MAX_SEAT), ("sub", subject, MAX_SUBJECT)):
         if len(part) > most:
             raise ValueError(f"{name}: a link has room for {most} bytes")
-    first = len(seat) | form << 5 | link.once << 7
-    content = bytes([first]) + hours.to_bytes(3, "big") + seat + subject
-    signed = content + _signature(link.code, content, key)
+    is_long = len(seat) > _LENGTH
+    first = (0 if is_long else len(seat)) | form << 5 | link.once << 7
+    length = bytes([len(seat)] if is_long else [])
+    content = bytes([first]) + hours.to_bytes(3, "big") + length + seat + subject
+    purpose = _LONG if is_long else _purposes(content)[0]
+    signed = content + _signature(_signed_part(purpose, link.code, content), key)
     return f"{link.code}.{base64.urlsafe_b64encode(signed).decode().rstrip('=')}"
 
 
-def read_link(token: str, keys: Iterable[Key]) -> Link | None:
+def read_link(token: str, keys: Collection[Key]) -> Link | None:
     """Return the content of a link's token; None if none of the keys has signed it."""
     found = _LINK.fullmatch(token)
     if found is None:
@@ -97,19 +105,20 @@ def read_link(token: str, keys: Iterable[Key]) -> Link | None:
     if base64.urlsafe_b64encode(signed).decode().rstrip("=") != text:
         return None
     content, signature = signed[:-_SIGNATURE], signed[-_SIGNATURE:]
-    if not any(hmac.compare_digest(_signature(code, content, key), signature) for key in keys):
-        return None
-    signed_part = _signed_part(code, content)
-    return replace(_read(code, content), token_id=hashlib.sha256(signed_part).hexdigest()[:16])
+    for purpose in _purposes(content):
+        part = _signed_part(purpose, code, content)
+        if any(hmac.compare_digest(_signature(part, key), signature) for key in keys):
+            link = _read(code, content, is_long=purpose == _LONG)
+            return replace(link, token_id=hashlib.sha256(part).hexdigest()[:16])
+    return None
 
 
-def _read(code: str, content: bytes) -> Link:
-    length = content[0] & MAX_SEAT
-    seat, subject = content[4 : 4 + length], content[4 + length :]
+def _read(code: str, content: bytes, *, is_long: bool) -> Link:
+    length, rest = (content[4], content[5:]) if is_long else (content[0] & _LENGTH, content[4:])
     return Link(
         code=code,
-        seat=seat.decode(),
-        subject=_read_subject(_form(content), subject),
+        seat=rest[:length].decode(),
+        subject=_read_subject(_form(content), rest[length:]),
         expires=float(int.from_bytes(content[1:4], "big") * _HOUR),
         once=bool(content[0] >> 7),
         watch=_form(content) == _SPECTATOR,
@@ -135,14 +144,17 @@ def _read_subject(form: int, packed: bytes) -> str:
     return packed.decode()
 
 
-def _signature(code: str, content: bytes, key: Key) -> bytes:
-    return hmac.digest(key.secret, _signed_part(code, content), hashlib.sha256)[:_SIGNATURE]
+def _signature(signed_part: bytes, key: Key) -> bytes:
+    return hmac.digest(key.secret, signed_part, hashlib.sha256)[:_SIGNATURE]
 
 
-def _signed_part(code: str, content: bytes) -> bytes:
-    # A server that does not know links for spectators would take them for those of players.
-    purpose = _WATCHING if _form(content) == _SPECTATOR else _PURPOSE
+def _signed_part(purpose: bytes, code: str, content: bytes) -> bytes:
     return purpose + plain_code(code).encode() + b"\0" + content
+
+
+def _purposes(content: bytes) -> tuple[bytes, ...]:
+    # A server that does not know links for spectators would take them for those of players.
+    return (_WATCHING,) if _form(content) == _SPECTATOR else (_PURPOSE, _LONG)
 
 
 def _form(content: bytes) -> int:
