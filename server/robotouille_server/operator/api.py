@@ -14,6 +14,7 @@ from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 from starlette.routing import Route
 
+from robotouille.replay.annotations import Codebook
 from robotouille.web.bundle import bundle
 from robotouille.web.single_file import filled
 from robotouille.web.site import STATIC, module_text
@@ -314,6 +315,11 @@ async def recording(service: TheService, name: str) -> Response:
 async def replay(request: Request, service: TheService, name: str) -> Response:
     data = await unless_gone(request, service.recordings.replay(name))
     return Response(data, media_type="application/gzip")
+
+
+@router.post("/codebook", summary="Check a codebook for labels in a replay")
+async def codebook(request: Codebook) -> Codebook:
+    return request
 
 
 @router.get(
