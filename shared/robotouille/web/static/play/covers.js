@@ -142,16 +142,19 @@ export class Cover {
 
   end() {
     const { game } = this;
-    const made = slip(outcomeWords(game.outcome));
-    const stars = starsOf(game);
-    if (stars !== null) {
+    const rating = ratingOf(game);
+    const idle = onlyWatched(game);
+    const title = won(game.outcome) && idle ? "othersWon"
+      : rating?.stars === 0 ? "shiftEnded" : won(game.outcome) ? "won" : "lost";
+    const made = slip(text(title), element("p", {}, `${outcomeWords(game.outcome)}.`));
+    if (rating) {
+      const { stars, next } = rating;
       const row = element("p", { class: "stars", role: "img", "aria-label": `${stars} / ${STARS}` });
       for (let each = 0; each < STARS; each += 1) {
         row.append(element("span", { class: each < stars ? "" : "off" }, "★"));
       }
-      made.append(row);
+      made.append(row, element("p", {}, text(idle ? "idle" : `stars${Math.min(stars + 1, STARS)}`, { points: next })));
     }
-    if (game.outcome?.detail) made.append(element("p", {}, String(game.outcome.detail)));
     const { next, mayRepeat } = this.answers;
     const buttons = element("p", { class: "buttons" });
     if (next) {
@@ -197,14 +200,31 @@ export function outcomeWords(outcome) {
     ["goal", "goalReached"], ["shift_over", "shiftOver"], ["step_limit", "stepLimit"],
     ["abandoned", "abandoned"], ["aborted", "aborted"],
   ]).get(outcome?.reason);
-  const { points = 0, served = 0 } = outcome?.score ?? {};
-  return text(key ?? "ended", { steps: outcome?.steps ?? 0, points, served });
+  const { points = 0, served = 0, expired = 0 } = outcome?.score ?? {};
+  const words = text(key ?? "ended", { steps: outcome?.steps ?? 0, points, served });
+  if (key === "shiftOver") return expired ? `${words}, ${text("expired", { expired })}` : words;
+  return outcome?.detail ? `${words}: ${outcome.detail}` : words;
 }
 
-/** Return the stars of a shift that is over; null if its task has none. @param {Game} game */
-function starsOf(game) {
+/** Return whether a game reached its goal, or was a shift with points. @param {Game["outcome"]} outcome */
+const won = (outcome) =>
+  outcome?.reason === "shift_over" ? outcome.score?.points > 0 : outcome?.reason === "goal";
+
+/** Return whether the player at this page did nothing. @param {Game} game */
+function onlyWatched({ me, outcome }) {
+  const own = outcome?.seats?.find((/** @type {{player: string}} */ seat) => seat.player === me);
+  return own !== undefined && !own.acted;
+}
+
+/**
+ * Return the stars of a shift that is over, and the points of the next star; null if its task has
+ * none.
+ * @param {Game} game
+ */
+function ratingOf(game) {
   const bounds = game.task?.problem.shift?.stars?.[game.task.players.length];
   const points = game.outcome?.score?.points;
   if (!Array.isArray(bounds) || points == null || game.outcome?.reason !== "shift_over") return null;
-  return bounds.filter((bound) => points >= bound).length;
+  const earned = bounds.filter((bound) => points >= bound).length;
+  return { stars: onlyWatched(game) ? 0 : earned, next: bounds[Math.min(earned, STARS - 1)] };
 }

@@ -3,6 +3,7 @@
 import { dishes, orderLayers } from "../kitchen/dishes.js";
 import { pictureURL } from "../kitchen/pictures.js";
 import { Goal } from "../rules/goal.js";
+import { capitalised } from "../rules/words.js";
 import { byId, element, setText } from "./dom.js";
 import { text } from "./texts.js";
 
@@ -166,7 +167,7 @@ class Orders {
     this.root = root;
     this.none = element("p", { class: "faint" }, text("noOrders"));
     root.append(this.none);
-    /** @type {Map<number, {root: HTMLElement, left: HTMLElement, bar: HTMLProgressElement}>} */
+    /** @type {Map<number, ReturnType<Orders["newSlip"]>>} */
     this.slips = new Map();
   }
 
@@ -188,6 +189,7 @@ class Orders {
     const slip = this.slips.get(number) ?? this.newSlip(number, left);
     slip.bar.value = left;
     const seconds = this.game.stepSeconds;
+    setText(slip.worth, `+${slip.points + Math.floor((slip.tip * Math.max(0, left)) / slip.bar.max)}`);
     setText(slip.left, seconds === null
       ? text("leftSteps", { steps: left })
       : text("left", { seconds: Math.ceil(left * seconds) }));
@@ -208,12 +210,16 @@ class Orders {
     const max = (dish.patience ?? 0) * task.profile.delayFactor || left;
     const bar = element("progress", { max, "aria-label": name });
     const remaining = element("span", { class: "left" });
-    const head = element("p", {}, element("b", {}, name), ` ${dish.points ?? ""}`);
+    const { points = 0, tip = 0, penalty = 0 } = dish;
+    const worth = element("span");
+    const head = element("p", {}, element("b", {}, name), " ", worth);
+    const title = [text(tip ? "worthEarly" : "worth", { dish: capitalised(name), points, tip })];
+    if (penalty) title.push(text("penalty", { points: penalty }));
     const pictures = element("div", { class: "pictures" }, ...images);
     const slip = {
-      root: element("div", { class: "order", title: parts }, head, pictures, element("small", {}, parts), bar, remaining),
+      root: element("div", { class: "order", title: title.join("\n") }, head, pictures, element("small", {}, parts), bar, remaining),
       left: remaining,
-      bar,
+      bar, worth, points, tip,
     };
     this.slips.set(number, slip);
     this.root.append(slip.root);
