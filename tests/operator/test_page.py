@@ -36,6 +36,14 @@ TASK = "multi_agent/10@2"
 PATIENCE = 30
 """Seconds after which a test that waits for the browser or a bot fails."""
 
+PICTURE = "document.querySelector('.watch .kitchen').toDataURL()"
+COLOURS = """(() => {
+  const canvas = document.querySelector(".watch .kitchen");
+  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  return new Set(new Uint32Array(data.buffer)).size;
+})()"""
+"""Number of colours in the picture of the watched kitchen."""
+
 
 class Bot:
     """Bot that plays at random and keeps the events that it receives."""
@@ -114,6 +122,10 @@ async def test_operator_watches_pauses_and_ends_an_episode(browser: Any, tmp_pat
             panel = await watch(page, room)
             await expect(panel.locator(".state")).to_contain_text("Station")
             await expect(panel.locator("code")).to_contain_text("--watch")
+            await page.wait_for_function(f"{COLOURS} > 50")
+            shown = await page.evaluate(PICTURE)
+            await page.wait_for_function(f"shown => {PICTURE} !== shown", arg=shown)
+            assert room.broadcaster.spectators == 0, "players would see that somebody watches"
 
             await panel.get_by_role("button", name="Pause").click()
             await expect(panel.locator(".phase")).to_have_text("paused by the operator")

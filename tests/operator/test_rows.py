@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from robotouille.episode import Activity
+from robotouille.protocol.states import StateReader
 from robotouille_client import connect
 from robotouille_server import Server
 from robotouille_server.operator.rows import MetricsHistory
@@ -159,6 +160,12 @@ async def test_detail_shows_state_and_events_as_text(tmp_path: Path) -> None:
         room.pause()
         seen = await api.get(f"/api/episodes/{play.episode}")
         assert seen["text"] == room.episode.state.text(None)
+        tables = await api.get(f"/api/episodes/{play.episode}/kitchen")
+        assert tables["size"] == seen["state"]["size"]
+        assert tables["look"] == {"rendering": None, "bindings": None, "pictures": {}}
+        assert tables["task"]["problem"]["width"] == room.world.task.problem.width
+        read = StateReader(room.world, tables, seen["state"])
+        assert read.state == room.episode.state
         lines = [(line["kind"], line["who"], line["text"]) for line in seen["lines"]]
         assert ("say", "ada", "Hello there") in lines
         assert ("seat", "robot2", "bob is here (human)") in lines

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 from pathlib import Path
@@ -15,6 +16,7 @@ from robotouille.replay.recording import read_recording
 from robotouille_client import connect
 from robotouille_server.cli import SERVER, _greeting, first_room
 from robotouille_server.runtime.task_folder import TaskFolderError, read_task_folder
+from tests.support.operator import viewing
 from tests.support.pixels import png
 from tests.support.servers import crash, raw, serving
 from tests.support.virtual_time import virtual
@@ -87,6 +89,17 @@ async def test_own_task_is_opened_by_name_and_drawn_with_its_pictures(
     recording = read_recording(file)
     assert recording.task.name == "crepes"
     assert recording.verify().ok
+
+
+@virtual
+async def test_operators_get_the_pictures(tmp_path: Path, bistro: Path) -> None:
+    async with viewing(tmp_path / "recordings", tasks=bistro) as (server, _, api):
+        path = f"/api/episodes/{server.lobby.create(messages.Create(task='crepes')).id}"
+        look = (await api.get(f"{path}/kitchen"))["look"]
+        assert set(look["rendering"]) >= {"assets"}
+        found = await api.get(f"{path}/pictures/{look['pictures']['griddle.svg']}")
+        assert b"#07fa3c" in base64.b64decode(found["data"])
+        assert (await api.http.get(f"{path}/pictures/{'0' * 64}")).status_code == 404
 
 
 @virtual

@@ -17,7 +17,7 @@ from starlette.routing import Route
 from robotouille.replay.annotations import Codebook
 from robotouille.web.bundle import bundle
 from robotouille.web.single_file import filled
-from robotouille.web.site import STATIC, module_text
+from robotouille.web.site import STATIC, module_text, shared_site
 from robotouille_server.operator.event_streams import EventStreams
 from robotouille_server.operator.forwarding import NodeRequest
 from robotouille_server.operator.guard import POLICY, SAFE
@@ -28,11 +28,13 @@ from robotouille_server.operator.models import (
     EndRequest,
     EpisodeDetail,
     KickRequest,
+    KitchenTables,
     MuteRequest,
     NoRequest,
     OpenedEpisodes,
     OpenRequest,
     Overview,
+    PictureData,
     Problem,
     RecordingPage,
     SpectatorLink,
@@ -64,7 +66,7 @@ def page_routes() -> list[Route]:
         if suffix in TYPES:
             path = "/" if file.name == "index.html" else f"/{file.name}"
             routes.append(_route(path, file.read_bytes(), TYPES[suffix]))
-    return [*routes, *_replay_routes()]
+    return [*routes, *_replay_routes(), *_live_routes()]
 
 
 def _replay_routes() -> Iterator[Route]:
@@ -78,6 +80,16 @@ def _replay_routes() -> Iterator[Route]:
         yield _route(path, (STATIC / name).read_bytes(), TYPES[".css"])
     modules = bundle("replay/main.js", module_text).encode()
     yield _route("/replay/bundle.js", modules, TYPES[".js"])
+
+
+def _live_routes() -> Iterator[Route]:
+    """Yield routes for the picture of a running kitchen, and the looks of shipped ones."""
+    modules = bundle("replay/live.js", module_text).encode()
+    yield _route("/replay/live.js", modules, TYPES[".js"])
+    site = shared_site()
+    for name in site.names:
+        if name.endswith(".json") and (file := site.find(name)) is not None:
+            yield _route(f"/{name}", file.content, file.kind)
 
 
 def page_paths() -> frozenset[str]:
@@ -242,6 +254,16 @@ async def episode_events(
 ) -> Response:
     read, seconds = service.watch_anywhere(episode)
     return _events(streams.events(read, seconds, principal))
+
+
+@router.get("/episodes/{episode}/kitchen", summary="Return what is needed to draw an episode")
+async def kitchen(service: TheService, episode: str) -> KitchenTables:
+    return service.kitchen(episode)
+
+
+@router.get("/episodes/{episode}/pictures/{digest}", summary="Return a picture of a task's own")
+async def picture(service: TheService, episode: str, digest: str) -> PictureData:
+    return service.picture(episode, digest)
 
 
 @router.post("/episodes/{episode}/pause", summary="Pause an episode")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
@@ -132,6 +132,10 @@ class EpisodeDetail(EpisodeRow):
 
     audience: list[ParticipantRow] = Field(description="Spectators.")
     turn: str | None
+    state: dict[str, Any] = Field(
+        description="State in the form of the message `snapshot`, and the `size` of the tables for "
+        "reading it, which `kitchen` returns."
+    )
     text: str = Field(description="State as text, as language models read it.")
     lines: list[LogLine] = Field(description="Recent events, oldest first.")
 
@@ -284,6 +288,34 @@ class TaskList(ResponseModel):
 
     tasks: list[TaskRow]
     skills: list[str] = Field(description="Skills of planner bots, from low to high.")
+
+
+class KitchenLook(ResponseModel):
+    """Look of a task that is not shipped. Other clients request it with `get_rendering`."""
+
+    rendering: dict[str, Any] | None = Field(None, description="Null for shipped tasks.")
+    bindings: dict[str, Any] | None = None
+    pictures: dict[str, str] = Field({}, description="Digests of pictures, by file name.")
+
+
+class KitchenTables(ResponseModel):
+    """Everything for drawing an episode, besides its changing state.
+
+    The fields `predicates`, `objects` and `atoms` are those of the message `snapshot`.
+    """
+
+    task: dict[str, Any]
+    look: KitchenLook
+    size: int = Field(description="Number of facts that the tables describe.")
+    predicates: list[str]
+    objects: list[list[str]]
+    atoms: list[list[int]]
+
+
+class PictureData(ResponseModel):
+    """Picture of a task that is not shipped."""
+
+    data: str = Field(description="The file in base64.")
 
 
 class SpectatorLink(ResponseModel):

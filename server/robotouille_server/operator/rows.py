@@ -11,11 +11,14 @@ from typing import Any
 from prometheus_client import Counter, Gauge
 
 from robotouille.episode import Activity, Clock, Episode, Outcome, PauseReason, Phase, Seat
+from robotouille.protocol.states import StateWriter
 from robotouille_server.app import Server
 from robotouille_server.operator.models import (
     EpisodeDetail,
     EpisodeResult,
     EpisodeRow,
+    KitchenLook,
+    KitchenTables,
     Lateness,
     LogLine,
     ParticipantRow,
@@ -29,6 +32,7 @@ from robotouille_server.rooms.lobby import Lobby
 from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.room import Room
 from robotouille_server.runtime.metrics import BUCKETS, Metrics
+from robotouille_server.runtime.task_folder import TaskAssets
 
 KEPT_SECONDS = 60
 SMOOTHED_SECONDS = 5
@@ -208,6 +212,7 @@ class RoomRows:
                 *(self._spectator(room, guest) for guest in room.guests.values()),
             ],
             turn=room.episode.on_turn,
+            state=_state(room),
             text=room.episode.state.text(None),
             lines=list(lines),
         )
@@ -295,6 +300,30 @@ def _result(outcome: Outcome | None) -> EpisodeResult | None:
         steps=outcome.steps,
         seconds=outcome.seconds,
         detail=outcome.detail,
+    )
+
+
+def _state(room: Room) -> dict[str, Any]:
+    state = room.episode.state
+    size = room.world.table_size(state.facts)
+    return {"size": size, **StateWriter(room.world).values(state)}
+
+
+def kitchen_tables(room: Room, assets: TaskAssets | None) -> KitchenTables:
+    """Return everything for drawing a room, besides its changing state."""
+    state = room.episode.state
+    look = KitchenLook()
+    if assets is not None:
+        look = KitchenLook(
+            rendering=dict(assets.rendering),
+            bindings=dict(assets.bindings),
+            pictures=dict(assets.pictures),
+        )
+    return KitchenTables(
+        task=room.world.task.json,
+        look=look,
+        size=room.world.table_size(state.facts),
+        **StateWriter(room.world).tables(state),
     )
 
 

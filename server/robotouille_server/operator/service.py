@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import secrets
+from base64 import b64encode
 from collections import Counter
 from collections.abc import Awaitable, Callable, Iterable
 from functools import partial
@@ -24,11 +25,13 @@ from robotouille_server.operator.models import (
     EpisodeCounts,
     EpisodeDetail,
     EpisodeRow,
+    KitchenTables,
     NodeOverview,
     OpenedEpisode,
     OpenedEpisodes,
     OpenRequest,
     Overview,
+    PictureData,
     Problem,
     RecordingFault,
     ServerInfo,
@@ -55,6 +58,7 @@ from robotouille_server.operator.rows import (
     RoomRows,
     by_label,
     gauge,
+    kitchen_tables,
     phase_of,
     rooms_of,
     search_text,
@@ -265,6 +269,20 @@ class OperatorService:
             problem = Problem(code=error.code, message=error.message, field=error.field)
         get_logger().info("operator: open episodes", count=len(opened))
         return OpenedEpisodes(opened=opened, problem=problem)
+
+    def kitchen(self, name: str) -> KitchenTables:
+        """Return everything for drawing an episode, besides its changing state."""
+        room = self.room(name)
+        return kitchen_tables(room, self._server.lobby.tasks.assets(room.task))
+
+    def picture(self, name: str, digest: str) -> PictureData:
+        """Return a picture of an episode's task."""
+        tasks = self._server.lobby.tasks
+        assets = tasks.assets(self.room(name).task)
+        if assets is None or digest not in assets.pictures.values():
+            message = "this episode has no such picture"
+            raise RequestRefusedError(HTTPStatus.NOT_FOUND, "request/unknown", message)
+        return PictureData(data=b64encode(tasks.picture(digest)).decode())
 
     def pause(self, name: str) -> Done:
         """Pause an episode until `resume`."""

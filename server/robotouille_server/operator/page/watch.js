@@ -1,10 +1,11 @@
 // Panel of one episode: participants, events and state as text.
 
 import { announce, end, kick, mute, pauseOrResume, spectatorLink } from "./actions.js";
-import { download, follow } from "./api.js";
+import { download, follow, get } from "./api.js";
 import { attempt, toast } from "./dialogs.js";
 import { controllerWords, heading, phaseBadge, progress, recordingWords, updatePauseButton, stepWords } from "./episodes.js";
 import { pageAddress, spectatorAddress } from "./links.js";
+import live from "./replay/live.js";
 import { nodeName } from "./nodes.js";
 import { IN_NEW_TAB } from "./recordings.js";
 import { Rows, button, bytes, h, icon, latency, setAttribute, setText } from "./dom.js";
@@ -65,6 +66,7 @@ export class Watch {
 
   show(episode) {
     this.stop();
+    this.live?.close();
     this.episode = episode;
     this.root.replaceChildren();
     this.root.hidden = !episode;
@@ -91,6 +93,9 @@ export class Watch {
     this.log = h("ol", { class: "log", tabindex: "0", "aria-label": "Events" });
     this.logRows = new Rows(this.log, (entry) => entry.key, (entry) => line(entry, this.numberOf(entry.who)));
     this.text = h("pre", { class: "state", tabindex: "0" });
+    this.kitchen = h("canvas", { class: "kitchen", role: "img", "aria-label": "Kitchen" });
+    const path = `api/episodes/${encodeURIComponent(this.episode)}`;
+    this.live = new live.LiveKitchen(this.kitchen, (what) => get(`${path}/${what}`));
     this.problem = h("p", { class: "problem" });
     this.node = h("p", { class: "about" });
     this.pauseButton = button("pause", "Pause", () => pauseOrResume(this.row));
@@ -107,6 +112,7 @@ export class Watch {
           button("away", "Close", () => this.show(""), "icon close")),
         this.heading.title, this.heading.about, this.node, this.progress.root, this.problem,
         h("div", { class: "actions" }, this.pauseButton, this.endButton)),
+      this.kitchen,
       h("h3", {}, "Seats and spectators"), this.people,
       h("h3", {}, "Events"), this.log, this.say,
       h("h3", {}, "Watch and record"),
@@ -143,6 +149,7 @@ export class Watch {
     for (const seat of row.seats) setAttribute(this.peopleRows.rows.get(seat.player).root, "data-number", this.numberOf(seat.player));
     this.updateLog(row);
     setText(this.text, row.text);
+    this.live.update(row);
     setText(this.node, row.node ? `on ${nodeName(row.node)}; other nodes' episodes are updated every second` : "");
     this.node.hidden = !row.node;
     setText(this.problem, row.problem);

@@ -1,0 +1,90 @@
+// A running kitchen in the operator's page, drawn from the states that the server sends.
+
+import { Kitchen } from "../kitchen/painter.js";
+import { loadLook } from "../play/look.js";
+import { State } from "../rules/state.js";
+import { readTask } from "../rules/task.js";
+
+/** @typedef {(what: string) => Promise<any>} Get Returns a part of the episode by its path. */
+
+export class LiveKitchen {
+  /** @param {HTMLCanvasElement} canvas @param {Get} get */
+  constructor(canvas, get) {
+    this.canvas = canvas;
+    this.get = get;
+    /** @type {any} The newest news of the episode. */
+    this.row = null;
+    /** @type {any} The task, and the tables for reading its states. */
+    this.tables = null;
+    /** @type {State | null} */
+    this.state = null;
+    /** @type {Kitchen | null} */
+    this.kitchen = null;
+    this.loading = false;
+    this.closed = false;
+    this.resized = new ResizeObserver(() => this.resize());
+  }
+
+  /** Show an episode as it is now. @param {any} row */
+  update(row) {
+    this.row = row;
+    if (this.kitchen && row.state.size <= this.tables.size) this.show();
+    else if (!this.loading && !this.closed) void this.load();
+  }
+
+  async load() {
+    this.loading = true;
+    try {
+      this.tables = await this.get("kitchen");
+      if (!this.kitchen) await this.furnish();
+      this.canvas.hidden = false;
+      if (!this.closed) this.show();
+    } catch {
+      // The rest of the panel works without a picture.
+      this.canvas.hidden = true;
+    }
+    this.loading = false;
+  }
+
+  async furnish() {
+    const task = readTask(this.tables.task);
+    const look = await loadLook(task, async ({ type, digest }) =>
+      type === "get_rendering" ? { type, ...this.tables.look }
+        : { type: "picture", ...await this.get(`pictures/${digest}`) });
+    const quiet = matchMedia("(prefers-reduced-motion: reduce)");
+    this.kitchen = new Kitchen(this.canvas, task, look, { reducedMotion: quiet.matches });
+    this.resized.observe(this.canvas);
+    const frame = () => {
+      if (this.closed) return;
+      this.kitchen?.draw(performance.now() / 1000);
+      requestAnimationFrame(frame);
+    };
+    frame();
+  }
+
+  resize() {
+    const { clientWidth, clientHeight } = this.canvas;
+    if (clientWidth) this.kitchen?.resize(clientWidth, clientHeight, devicePixelRatio);
+  }
+
+  show() {
+    const { kitchen, tables, row, state } = this;
+    const { step, outcome, seats, step_rate: rate } = row;
+    if (!kitchen || (state?.step === step && !outcome)) return;
+    this.state = State.fromSnapshot(kitchen.task, { ...tables, ...row.state, step });
+    kitchen.seats = seats;
+    kitchen.show(this.state, {
+      step,
+      // Fast games show some of their steps only.
+      before: state?.step === step - 1 ? state : null,
+      stepSeconds: rate ? 1 / rate : null,
+      receivedAt: performance.now() / 1000,
+      outcome,
+    });
+  }
+
+  close() {
+    this.closed = true;
+    this.resized.disconnect();
+  }
+}
