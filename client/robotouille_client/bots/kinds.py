@@ -42,7 +42,7 @@ TRAINED = ".npz"
 """Ending of the files of trained policies."""
 
 
-class Partner(StrEnum):
+class OfferedBot(StrEnum):
     """The bots offered to people: planners with a skill, or random bots."""
 
     PARTNER = "partner"

@@ -13,7 +13,7 @@ from robotouille.episode.rules import Clock
 from robotouille.errors import RobotouilleError
 from robotouille.terminal import one_of, options_from
 from robotouille.world.lint import sound_task
-from robotouille_client.bots.kinds import Partner
+from robotouille_client.bots.kinds import OfferedBot
 from robotouille_client.console import (
     LenientOption,
     RenderingOption,
@@ -35,13 +35,13 @@ class PlayOptions:
     )
     seats: Annotated[int | None, typer.Option(help="Number of seats.")] = None
     partner: Annotated[
-        Partner,
+        OfferedBot,
         typer.Option(
-            parser=one_of(Partner),
+            parser=one_of(OfferedBot),
             help="Bots that play the other seats: planners with the skill of a learner, partner or "
             "expert, or random ones.",
         ),
-    ] = Partner.PARTNER
+    ] = OfferedBot.PARTNER
     step_rate: Annotated[float, typer.Option(help="Steps per second in real time.")] = 5.0
     timing: Annotated[
         str | None,

@@ -9,7 +9,7 @@ from robotouille import World
 from robotouille.episode.rules import Clock
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille_client.loadtest.participant import Environment, Participant, RawMessage
-from robotouille_client.loadtest.players import Actor, Partner, Player, back_and_forth
+from robotouille_client.loadtest.players import Actor, Bystander, Player, back_and_forth
 
 MANY_STEPS = 1_000_000
 """Step limit of the episodes, so that they last for the whole test."""
@@ -28,7 +28,8 @@ class BotRoom:
         self.code: str | None = None
         self.actor = Actor(environment, f"{name}-1", clock, rate, back_and_forth(task, players[0]))
         self.partners = [
-            Partner(environment, f"{name}-{number}", clock) for number in range(2, len(players) + 1)
+            Bystander(environment, f"{name}-{number}", clock)
+            for number in range(2, len(players) + 1)
         ]
         self._environment = environment
         self._create: RawMessage = {

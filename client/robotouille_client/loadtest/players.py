@@ -162,7 +162,7 @@ class Player(Participant):
         return self._seq
 
 
-class Partner(Player):
+class Bystander(Player):
     """Bot that decides at once to do nothing. In real time it only watches."""
 
     def __init__(self, environment: Environment, name: str, clock: Clock) -> None:
