@@ -13,7 +13,7 @@ from tests.support.window_session import WindowSession, wait
 
 from robotouille import Task
 from robotouille_client.window.app import thumbnails
-from robotouille_client.window.app.level_map import ALL_TASKS, LevelMap, levels
+from robotouille_client.window.app.level_map import ALL_TASKS, ChapterRow, LevelMap, levels
 from robotouille_client.window.app.settings import Settings
 from robotouille_client.window.input.commands import Command
 from robotouille_client.window.pictures.text_surfaces import Typesetter
@@ -82,6 +82,21 @@ def test_the_map_knows_the_best_points_and_steps() -> None:
     assert levels("shifts", {}, best)[0].best == 286
     assert levels("synchronous", {}, best)[0].best == 12
     assert levels("synchronous", {}, best)[1].best is None
+
+
+@pytest.mark.parametrize(
+    ("stars", "words"),
+    [
+        ({}, "With 1 player, the first star takes 87 points."),
+        ({"shifts/01_sandwich_bar@2": 1}, "With 1 player, the second star takes 175 points."),
+    ],
+)
+def test_the_map_names_the_points_of_the_next_star(stars: dict[str, int], words: str) -> None:
+    shown = LevelMap(Settings(learned=True, stars=stars), "shifts/01_sandwich_bar")
+    chapter = shown.focused
+    assert isinstance(chapter, ChapterRow)
+    assert words in shown.details(chapter.level)
+    assert "Finish the order to earn the first." in shown.details(shown.chapters[0].level)
 
 
 def test_pictures_of_open_levels_are_drawn_first(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -146,6 +146,14 @@ def test_hovering_lists_the_contents_of_a_pot() -> None:
     assert {"cut tomato", "potato"} < set(words)
 
 
+def test_hovering_counts_equal_things_of_a_crate() -> None:
+    state = world_of("shifts/01").initial
+    stage = Painter().stage(state)
+    resolver = AppearanceResolver(state.world.task.domain, rendering_of(state.world.task))
+    (bread,) = resolver.listing(stage, "crate1")
+    assert bread[1] == "bread × 6"
+
+
 def test_the_ticket_uses_the_players_own_words() -> None:
     world = world_of("multi_agent/01")
     words = Language.model_validate({"kinds": {"lettuce": "Salat"}})

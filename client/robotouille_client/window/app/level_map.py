@@ -8,7 +8,9 @@ from types import MappingProxyType
 
 import pygame
 
+from robotouille.certification.stars import score_limits
 from robotouille.domain.loading import load_task, task_names
+from robotouille.domain.task import Task
 from robotouille_client.window.app.play_menu import best_of
 from robotouille_client.window.app.settings import Settings
 from robotouille_client.window.app.thumbnails import Thumbnails
@@ -214,7 +216,7 @@ class LevelMap(Form):
     def __init__(self, settings: Settings, last: str = "") -> None:
         self._settings = settings
         self._thumbnails = Thumbnails(settings.preferences.rendering)
-        self._texts: dict[str, tuple[str, str]] = {}
+        self._tasks: dict[str, Task] = {}
         tutorial = "Tutorial again" if settings.learned else "Tutorial (two minutes)"
         self._ends = [
             Button(tutorial, MenuChoice.TUTORIAL),
@@ -251,15 +253,13 @@ class LevelMap(Form):
         self.message = f"Earn a star in {self._title(level.before)!r} first, or choose All tasks."
 
     def _title(self, task: str) -> str:
-        return self._text_of(task)[0]
+        return dish_title(task, self._task(task).goal_description)
 
-    def _text_of(self, task: str) -> tuple[str, str]:
-        """Return the title and the goal of a task."""
+    def _task(self, name: str) -> Task:
         # Loading a task is slow, and the map is drawn again for each input.
-        if task not in self._texts:
-            goal = load_task(task).goal_description
-            self._texts[task] = dish_title(task, goal), goal
-        return self._texts[task]
+        if name not in self._tasks:
+            self._tasks[name] = load_task(name)
+        return self._tasks[name]
 
     def _draw_beside(
         self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, size: int
@@ -275,7 +275,7 @@ class LevelMap(Form):
         if picture is not None:
             target.blit(picture, picture.get_rect(midtop=(x + width // 2, y)))
             y += picture.get_height() + size // 2
-        for words in (self._title(level.task), *self._details(level)):
+        for words in (self._title(level.task), *self.details(level)):
             for line in text.wrap(words, size, width):
                 if y + text.height(size) <= area.bottom:
                     target.blit(text.line(line, size, TEXT), (x, y))
@@ -283,11 +283,25 @@ class LevelMap(Form):
             y += size // 3
         return width
 
-    def _details(self, level: Level) -> tuple[str, ...]:
-        _, goal = self._text_of(level.task)
+    def details(self, level: Level) -> tuple[str, ...]:
+        """Return the goal of a level, the stars in it, and what the next star takes."""
+        goal = self._task(level.task).goal_description
         if not level.is_open:
             return (goal, f"Opens with a star in {self._title(level.before)!r}.")
         stars = {0: "No star yet.", 1: "One star."}.get(level.stars, f"{level.stars} stars.")
         if level.best is not None:
             stars += f" Best: {level.best} {'points' if level.is_shift else 'steps'}."
-        return (goal, stars)
+        return (goal, stars, *self._next_star(level))
+
+    def _next_star(self, level: Level) -> tuple[str, ...]:
+        """Return what the next star of a shift takes, or the first one of another level."""
+        if not level.is_shift:
+            return () if level.stars else ("Finish the order to earn the first.",)
+        task = self._task(level.task)
+        counts = task.problem.seats or (task.seats,)
+        seats = self._settings.seats if self._settings.seats in counts else task.seats
+        limits = score_limits(task.problem, seats)
+        if limits is None or level.stars > 2:
+            return ()
+        nth, who = ("first", "second", "third")[level.stars], "player" + "s" * (seats > 1)
+        return (f"With {seats} {who}, the {nth} star takes {limits[level.stars]} points.",)

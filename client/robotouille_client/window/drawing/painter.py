@@ -170,7 +170,8 @@ class Painter:
     def _listed(self, view: View, stage: SceneSprites) -> Listing:
         """Return what is in or on the station under the mouse, if it is more than one object."""
         listed = self._resolver.listing(stage, view.hover) if view.hover else ()
-        return listed if len(listed) > 1 else ()
+        several = len(listed) > 1 or len(stage.piles.get(view.hover or "", ())) > 1
+        return listed if several else ()
 
     def redraw_key(self, view: View) -> object:
         """Return the visible part of a view. Views with equal keys look the same."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
@@ -157,7 +158,10 @@ class AppearanceResolver:
         return found
 
     def listing(self, stage: SceneSprites, host: str) -> tuple[tuple[Appearance | None, str], ...]:
-        """Return everything on a station or in a player's hands, from the top down, in words."""
+        """Return everything on a station or in a player's hands, from the top down, in words.
+
+        Equal things one upon the other, such as the supply in a crate, are one entry.
+        """
         listed: list[tuple[Appearance | None, str]] = []
         for piece in reversed(stage.piles.get(host, ())):
             listed.append((piece.appearance, self._in_words(stage, piece.name)))
@@ -168,7 +172,10 @@ class AppearanceResolver:
             names = _contents(piece.name, stage.placed)
             for name, appearance in zip(names, piece.contents, strict=True):
                 listed.append((appearance, self._in_words(stage, name)))
-        return tuple(listed)
+        return tuple(
+            (look, words if (count := len(list(same))) == 1 else f"{words} × {count}")
+            for (look, words), same in groupby(listed)
+        )
 
     def _in_words(self, stage: SceneSprites, name: str) -> str:
         thing = stage.placed[name]
