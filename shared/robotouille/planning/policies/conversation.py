@@ -89,7 +89,8 @@ class Conversation(Talk):
         if watch.assumption is Assumption.EVERYBODY and watch.is_stuck:
             missing = missing_action(watch.script, state, others, self._rules)
             if missing is not None:
-                self.ask(Speech(appeal(self._here(missing), state, self._wording)), step)
+                words = appeal(self._here(missing), state, self._wording)
+                self.ask(Speech(words), words, step)
                 return
         elif watch.assumption is not Assumption.OTHERS_ASIDE:
             return
@@ -97,11 +98,11 @@ class Conversation(Talk):
         needed = object_in_hand(coming, state, others)
         if needed is not None:
             # Wherever the holder walks, the request stays the same.
-            self.ask(request(needed), step, moved=False)
+            self.ask(request(needed), state.world.thing(needed).kind, step, moved=False)
             return
         station = station_in_the_way(coming, state, others)
         if station is not None:
-            self.ask(request(station), step)
+            self.ask(request(station), station, step)
 
     # Answers
 

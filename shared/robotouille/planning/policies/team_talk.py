@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from robotouille.planning.policies.policy import Speech
 from robotouille.world.grounding.actions import GroundAction
@@ -18,9 +19,10 @@ VERSION = 2
 MAX_SAID = 500
 """Maximum number of characters of a chat message."""
 
-# A request that had no effect is repeated after half a minute at five steps a second.
+# A request that had no effect is repeated after half a minute at five steps a second, then after a
+# minute, and so on: whoever does not answer has read it.
 ASK_AGAIN, INSIST = 20, 150
-"""Steps between two requests, and between two equal requests."""
+"""Steps between two requests, and before the first repetition of one."""
 
 TELL_AGAIN, TELL_AGAIN_HURRIED = 6, 25
 """Steps between two announcements of the next actions; more if steps pass by themselves."""
@@ -141,6 +143,13 @@ NOTHING = Speech()
 """Request that has not been made."""
 
 
+class _Asked(NamedTuple):
+    """The step of the last request for one need, and the number of such requests."""
+
+    step: int = -INSIST
+    times: int = 0
+
+
 class Talk:
     """Chat messages of one seat, or none if `silent`."""
 
@@ -150,7 +159,7 @@ class Talk:
         self._announces = not silent
         self._asked = self._told = -INSIST
         self._last_asked = NOTHING
-        self._asked_at: dict[Speech, int] = {}
+        self._asked_at: dict[str, _Asked] = {}
         self._last_told = ""
         self._helpless = self._allowed = False
 
@@ -186,15 +195,19 @@ class Talk:
         """Return whether the last request was long enough ago."""
         return not self._silent and step - self._asked >= ASK_AGAIN
 
-    def ask(self, wish: Speech, step: int, *, moved: bool = True) -> None:
+    def ask(self, wish: Speech, need: str, step: int, *, moved: bool = True) -> None:
         """Send a request.
 
-        The same request is repeated only after a longer time, or after the others have moved, which
-        matters unless `moved` is false.
+        A request for the same need is repeated only after a pause, which doubles each time. It is
+        shorter after the others have moved, which matters unless `moved` is false.
+
+        Args:
+            need: Words for what is needed. Requests for two objects of one kind have the same need.
         """
-        again = step - self._asked_at.get(wish, -INSIST) >= INSIST
-        if self.may_ask(step) and (again or (moved and self._allowed)):
-            self._asked = self._asked_at[wish] = step
+        last, times = self._asked_at.get(need, _Asked())
+        first = 2 * ASK_AGAIN if moved and self._allowed else INSIST
+        if self.may_ask(step) and (not times or step - last >= first << (times - 1)):
+            self._asked, self._asked_at[need] = step, _Asked(step, times + 1)
             self._last_asked, self._allowed = wish, False
             self._said.append(wish)
 
@@ -203,14 +216,17 @@ class Talk:
         self._allowed = True
 
     def give_thanks(self) -> None:
-        """Thank for a place if that was the last request."""
+        """Thank for a place if that was the last request. No need is left."""
+        self._asked_at.clear()
         if self._last_asked.signal is not None:
             self._said.append(Speech(signal=Signal(Intent.THANKS)))
 
     def clear_requests(self) -> None:
-        """Forget the last request, because nothing is in the way any more."""
+        """Forget the last request, because nothing is in the way any more.
+
+        The pause before an equal request goes on: the way may be closed again soon.
+        """
         self._last_asked = NOTHING
-        self._asked_at.clear()
         self._helpless = False
 
     def report_no_plan(self) -> None:
