@@ -28,7 +28,7 @@ from robotouille.domain.rendering import NO_WORDS, Language
 from robotouille.domain.task import Timing
 from robotouille.planning.plan import Plan, SearchResult
 from robotouille.planning.policies.agenda import Agenda, Aim, OneGoal
-from robotouille.planning.policies.aside import holds
+from robotouille.planning.policies.aside import holds, put_down
 from robotouille.planning.policies.conversation import Conversation
 from robotouille.planning.policies.courtesy import Courtesy
 from robotouille.planning.policies.deliberation import Deliberation
@@ -85,6 +85,9 @@ MAX_WORKED = 64
 
 POLITE = 3
 """Steps for which a seat waits for participants outside the team before it makes way for them."""
+
+UNBURDENED = 12
+"""Steps of waiting for participants after which a seat puts down what it holds in real time."""
 
 PENSIVE = 2
 """Steps of planning without another action after which a seat makes way."""
@@ -559,7 +562,11 @@ class PlannerPolicy:
         return due is not None and leads_to(due, {standing_at(state, p) for p in others})
 
     def _make_way(self, state: State) -> GroundAction | None:
-        """Return a walk to an empty place after some steps of waiting."""
+        """Return what to do after some steps of waiting: step aside, then put down what is held."""
+        if self._hurried and self._waited >= UNBURDENED:
+            # The next plan begins with other work, or takes the object again.
+            for action in put_down(state, self.player)[:1]:
+                return action
         walks = walks_out_of_the_way(state, self.player) if self._waited >= POLITE else []
         return self._random.choice(walks) if walks else None
 
