@@ -13,6 +13,7 @@ from typer.testing import CliRunner, Result
 from robotouille import Task, World, load_task
 from robotouille.domain.schema import Arrival, ProblemFile
 from robotouille.generation import GenerationError, generator_of
+from robotouille.generation.shifts import stars_of
 from robotouille.planning.policies.shift_policy import play_shift
 from robotouille_client.cli.main import app
 from tests.support.shifts import file_of
@@ -71,9 +72,15 @@ def test_seed_has_one_valid_file_with_the_points_of_planner_bots(tmp_path: Path)
     assert last.orders is not None
     assert last.orders.served >= 1
     assert points == {1: last.orders.score}
+    assert task.problem.shift.stars == stars_of(points)
     # The command would refuse to replace another file.
     again = called(*words, "--out", str(tmp_path / "new"), "--json")
     assert json.loads(again.stdout)["points"] == {"1": last.orders.score}
+
+
+def test_stars_are_shares_of_the_points_of_planner_bots() -> None:
+    assert stars_of({2: 90, 1: 100}) == {1: (25, 48, 60), 2: (25, 48, 60)}
+    assert stars_of({1: -5, 2: 33}) == {1: (1, 1, 1), 2: (9, 16, 20)}
 
 
 def with_seed(path: Path, seed: int) -> Task:

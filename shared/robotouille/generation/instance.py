@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -187,9 +187,12 @@ def _task(name: str, text: str, original: Task) -> Task:
     return build_task(name, original.domain, problem, source=name)
 
 
-def with_planner_points(instance: Instance, points: Mapping[int, int]) -> Instance:
-    """Return an instance of a shift whose file has the points of planner bots by seats."""
+def with_planner_points(
+    instance: Instance, points: Mapping[int, int], stars: Mapping[int, Sequence[int]]
+) -> Instance:
+    """Return an instance of a shift with points of planner bots and for stars, by seats."""
     raw = json.loads(instance.text)
+    raw["shift"]["stars"] = {str(seats): [*each] for seats, each in stars.items()}
     raw["shift"]["planner"] = {str(seats): each for seats, each in points.items()}
     text = write_problem(raw)
     return replace(instance, text=text, task=_task(instance.name, text, instance.original))

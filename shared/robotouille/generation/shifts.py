@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import accumulate, pairwise
+from math import ceil
 
 from robotouille.domain.schema import MAX_ORDERS, Arrival, Shift
 from robotouille.domain.task import Task
@@ -22,6 +23,11 @@ from robotouille.generation.parameters import (
 from robotouille.planning.plan import Proof, SearchResult
 from robotouille.planning.policies.shift_policy import play_shift
 from robotouille.world.lint import lint_task
+
+# The shipped shifts have stars from simulated people, whose games take minutes each. These are the
+# medians of their shares.
+STARS = (0.25, 0.48, 0.6)
+"""Points for one, two and three stars, as shares of the points of planner bots."""
 
 
 def generate(
@@ -114,7 +120,21 @@ class ShiftGenerator(Generator):
                 raise AttemptError("task", f"planner bots serve no order with {seats} players")
             points[seats] = last.orders.score
             results[seats] = SearchResult(plan, 0, Proof.NONE, "planner bots", 0)
-        return replace(with_planner_points(instance, points), results=results)
+        rated = with_planner_points(instance, points, stars_of(points))
+        return replace(rated, results=results)
+
+
+def stars_of(points: Mapping[int, int]) -> dict[int, tuple[int, int, int]]:
+    """Return the points for one, two and three stars by the points of planner bots.
+
+    Both are by the number of seats. A larger team needs at least as many points as a smaller one.
+    """
+    most = accumulate((max(0, points[seats]) for seats in sorted(points)), max)
+    shares = (tuple(ceil(round(share * each, 6)) for share in STARS) for each in most)
+    return {
+        seats: (max(1, one), max(1, two), max(1, three))
+        for seats, (one, two, three) in zip(sorted(points), shares, strict=True)
+    }
 
 
 def _description(shift: Shift | None) -> str:
