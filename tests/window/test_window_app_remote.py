@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import sys
 from collections.abc import Awaitable, Callable, Iterator
+from pathlib import Path
 
 import pygame
 import pytest
 from tests.support.servers import serving
+from tests.support.shifts import file_of
 from tests.support.virtual_time import run
 from tests.support.window_play import post
 from tests.support.window_session import WindowSession, wait
 
 from robotouille.protocol.messages import Create
 from robotouille_client import Client, Game, connect
+from robotouille_client.window.app.game_cards import StarsRow
 from robotouille_server import Server
 
 
@@ -23,12 +27,13 @@ def play(
     script: Callable[[Server], Iterator[None]],
     *,
     watch: bool = False,
+    tasks: Path | None = None,
     **rules: object,
 ) -> None:
-    """Join a kitchen of a real server, and run a script."""
+    """Join a kitchen of a real server, which may have tasks of its own, and run a script."""
 
     async def main() -> None:
-        async with serving(session.folder / "server") as server:
+        async with serving(session.folder / "server", tasks=tasks) as server:
             made = {"task": "synchronous/01", "clock": "turn", "max_steps": 3, **rules}
             room = server.lobby.create(Create(**made))
             session.app.settings.prefer(server=server.url)
@@ -192,3 +197,33 @@ def test_a_team_meets_in_the_same_next_kitchen(session: WindowSession) -> None:
         assert there == {"robot1": "bob", "robot2": "player"}
 
     play(session, script, task="multi_agent/01", seats=2)
+
+
+def test_a_shift_on_a_server_has_its_cards(session: WindowSession) -> None:
+    folder = session.folder / "tasks"
+    folder.mkdir()
+    stars = {"1": [5, 10, 20]}
+    (folder / "bar.json").write_text(json.dumps(file_of(steps=3, stars=stars)))
+
+    def script(server: Server) -> Iterator[None]:
+        while session.window is None:
+            yield
+        yield from wait(3)
+        words = [row.label for row in session.form.rows]
+        assert session.titles[-1] == "Bar"
+        assert "Hatch: build dishes here; a complete dish is served." in words
+        assert "One star takes 5 points, two take 10, three take 20." in words
+        yield from session.choose("Continue")
+        post(pygame.K_RETURN)
+        while session.source.view().lobby is not None:
+            yield
+        while session.titles[-1] == "Bar":
+            post(pygame.K_SPACE)
+            yield from wait(5)
+        yield from wait(60)
+        assert session.titles[-1] == "Shift over"
+        (row,) = [row for row in session.form.rows if isinstance(row, StarsRow)]
+        assert (row.stars, row.label) == (0, "One star takes 5 points.")
+        yield from session.choose("Quit")
+
+    play(session, script, tasks=folder, task="bar", seats=1, max_steps=100)

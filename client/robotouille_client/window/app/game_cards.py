@@ -1,4 +1,4 @@
-"""Cards of a game: what a shift is about, the result, and the question whether to leave."""
+"""Cards of a game: the result, and the question whether to leave."""
 
 from __future__ import annotations
 
@@ -9,18 +9,17 @@ from typing import Any
 import pygame
 
 from robotouille.certification.certificate import load_certificate
-from robotouille.certification.stars import ScoreLimits, score_limits, star_limits
+from robotouille.certification.stars import score_limits, star_limits
 from robotouille.certification.step_limit import retimed_length
 from robotouille.domain.loading import load_task
 from robotouille.domain.task import Task, Timing
 from robotouille.errors import RobotouilleError
-from robotouille.world.presentation.wording import Wording
 from robotouille_client.window.forms.form import Form, FormLayout
 from robotouille_client.window.forms.rows import MenuChoice
 from robotouille_client.window.forms.widgets import Button, DrawContext, Row, Words
 from robotouille_client.window.pictures.shapes import box, star_points
 from robotouille_client.window.pictures.theme import ACCENT, BAD, FAINT, GOOD, TEXT, TRACK, Colour
-from robotouille_client.window.sources.texts import dish_title, outcome_words, points_of, won
+from robotouille_client.window.sources.texts import outcome_words, points_of, won
 from robotouille_client.window.view import View
 
 _KINDS: tuple[tuple[str, str, Colour], ...] = (
@@ -207,7 +206,7 @@ def rate_game(
             return Rating(0, IDLE, points)
         stars = scores.stars(points)
         return Rating(stars, f"{_stars_take(stars)} {scores[min(stars, 2)]} points.", points)
-    shipped = _shipped(task) if won(outcome) else None
+    shipped = shipped_task(task) if won(outcome) else None
     limits = (
         None
         if shipped is None
@@ -233,7 +232,7 @@ def only_watched(outcome: Mapping[str, Any], people: Collection[str]) -> bool:
     return bool(rows) and not any(row.get("acted") for row in rows)
 
 
-def _shipped(task: Task) -> Task | None:
+def shipped_task(task: Task) -> Task | None:
     """Return the shipped task with a task's name and content, or None."""
     try:
         shipped = load_task(task.name, seats=task.seats, timing=task.timing)
@@ -249,7 +248,7 @@ def best_words(task: Task) -> str:
     where walks and work take longer, it is only a good one. Tasks from a server have no certificate
     file, so the shipped task of the same name is used if its content is the same.
     """
-    shipped = _shipped(task)
+    shipped = shipped_task(task)
     length = None if shipped is None else retimed_length(shipped)
     if length is None:
         return ""
@@ -260,24 +259,6 @@ def best_words(task: Task) -> str:
     if task.timing is Timing.BENCHMARK and certificate.optimal:
         return f"Best possible: {length} steps."
     return f"Best known: {length} steps."
-
-
-def shift_card(view: View, wording: Wording) -> Form:
-    """Return the card before a shift: what its stations are for, and the points for stars."""
-    task = view.world.task
-    rows: list[Row] = [Words(task.goal_description)] if task.goal_description else []
-    rows += [Words(f"{kind.capitalize()}: {use}.") for kind, use in wording.purposes()]
-    limits = score_limits(task.problem, len(view.seats))
-    if limits is not None:
-        rows.append(Words(star_words(limits)))
-    rows.append(Button("Start", MenuChoice.STAY))
-    title = dish_title(task.name, task.goal_description)
-    return Form(title, rows, cancel=MenuChoice.STAY, layout=FormLayout(shrinks=True))
-
-
-def star_words(limits: ScoreLimits) -> str:
-    """Return the points of a shift for one, two and three stars in words."""
-    return f"One star takes {limits.one} points, two take {limits.two}, three take {limits.three}."
 
 
 REVIEW_BUTTONS = (("Watch the replay", MenuChoice.WATCH), ("Save a video", MenuChoice.VIDEO))
@@ -295,7 +276,8 @@ class GameCards:
         menu: True if there is a menu. Without it, leaving the game closes the window.
         message: Function that returns a new message for the card, or "".
         ended: Function called when the game has ended, before its card is shown.
-        start: Function that returns the card before the game; None to show none.
+        start: Function that returns the card before the game; None to show none. The card also
+            comes before the question whether the player is ready.
     """
 
     def __init__(
@@ -322,7 +304,9 @@ class GameCards:
 
     def start_card(self, view: View) -> Form | None:
         start, self._start = self._start, None
-        if start is None or view.over:
+        # A game on a server that has begun goes on while the player reads.
+        goes_on = view.code and (view.lobby is None or view.lobby.ready is not False)
+        if start is None or view.over or goes_on:
             return None
         self._pause(True)
         return start(view)

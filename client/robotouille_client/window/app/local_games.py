@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,7 +12,6 @@ from typing import Any, Literal
 from robotouille.certification.certificate import load_certificate
 from robotouille.domain.loading import task_names
 from robotouille.domain.rendering import language_of
-from robotouille.domain.task import Timing
 from robotouille.episode.rules import Clock
 from robotouille.errors import RobotouilleError
 from robotouille.world.grounding.actions import GroundAction
@@ -25,19 +24,16 @@ from robotouille_client.window.app.game_cards import (
     LEAVE_BUTTONS,
     REVIEW_BUTTONS,
     GameCards,
-    only_watched,
-    rate_game,
-    shift_card,
 )
 from robotouille_client.window.app.level_map import ALL_TASKS, LevelMap
 from robotouille_client.window.app.local_game import GameSetup, LocalGame
 from robotouille_client.window.app.play_menu import PlayMenu
 from robotouille_client.window.app.replays import Replays
+from robotouille_client.window.app.results import note_result
 from robotouille_client.window.app.user_interface import UserInterface
-from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.rows import MenuChoice
 from robotouille_client.window.input.commands import Command, KeyMap
-from robotouille_client.window.sources.texts import points_of, task_title, won
+from robotouille_client.window.sources.texts import task_title, won
 from robotouille_client.window.view import GameSource, View
 
 TUTORIAL = GameSetup("training/01", clock=Clock.TURN, max_steps=500)
@@ -201,7 +197,6 @@ class LocalGames:
         self._replays = replays
         self._recordings = recordings
         self._make_partners = make_partners
-        self._introduced: set[str] = set()
 
     async def choose(self) -> object:
         """Let the player choose a game, and play it."""
@@ -301,7 +296,7 @@ class LocalGames:
             buttons,
             source.pause,
             ended=partial(self._note_best, game),
-            start=self._introduction(game),
+            start=self._ui.introductions.to(game.world, self._ui.words),
         )
         show = partial(self._ui.show, source, cards, caption=task_title(setup.task))
         try:
@@ -318,15 +313,6 @@ class LocalGames:
         watch, save = partial(self._replays.watch, path), partial(self._replays.save, path)
         return await self._replays.review(answer, cards, watch, save, show)
 
-    def _introduction(self, game: LocalGame) -> Callable[[View], Form] | None:
-        """Return what makes the card before a shift; None if the player has seen it."""
-        task = game.world.task
-        if game.world.shift is None or task.name in self._introduced:
-            return None
-        self._introduced.add(task.name)
-        wording = Wording(game.world, language_of(task).with_words(self._ui.words))
-        return lambda view: shift_card(view, wording)
-
     def _overtaxed(self, setup: GameSetup, outcome: Mapping[str, Any] | None) -> bool:
         """Return whether a player who has never won a game has lost one that could be slower."""
         lost = outcome is not None and not won(outcome)
@@ -334,24 +320,14 @@ class LocalGames:
         return lost and fast and not self._ui.settings.best
 
     def _note_best(self, game: LocalGame) -> None:
-        """Save the steps, or the points of a shift, if they are the player's best."""
-        task, outcome = game.world.task, game.source.outcome
-        # The menus show results of shipped tasks in the timing of people only. Other files may
-        # share a name.
-        if outcome is None or task.timing is not Timing.PEOPLE or task.name not in task_names():
-            return
-        # Bots alone earn the people at the window nothing.
-        if only_watched(outcome, game.people):
-            return
-        settings, name, points = self._ui.settings, f"{task.name}@{task.seats}", points_of(outcome)
-        rating = rate_game(task, task.seats, game.step_seconds, outcome)
-        if rating is not None:
-            settings.stars[name] = max(settings.stars.get(name, 0), rating.stars)
-        best = settings.best
-        if points is not None:
-            best[name] = max(best.get(name, 0), points)
-        elif outcome["reason"] == "goal":
-            best[name] = min(best.get(name, outcome["steps"]), outcome["steps"])
+        """Save the result if it is the player's best."""
+        note_result(
+            self._ui.settings,
+            game.world.task,
+            game.step_seconds,
+            game.source.outcome,
+            game.people,
+        )
         self._ui.remember()
 
 

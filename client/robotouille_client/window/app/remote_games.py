@@ -13,6 +13,7 @@ from typing import TypeVar
 
 from robotouille.errors import RobotouilleError
 from robotouille.protocol.message_parts import EpisodeInfo
+from robotouille.replay.rates import real_time_rate
 from robotouille_client.client import Client, connect
 from robotouille_client.console import explain, server_url
 from robotouille_client.console.kept_seat import kept_seat, state_folder
@@ -21,6 +22,7 @@ from robotouille_client.window.app.bot_crew import CrewOptions, bot_crew
 from robotouille_client.window.app.game_cards import LEAVE_BUTTONS, REVIEW_BUTTONS, GameCards
 from robotouille_client.window.app.remote_game import RemoteGame, remote_game, views_of
 from robotouille_client.window.app.replays import Replays
+from robotouille_client.window.app.results import note_result
 from robotouille_client.window.app.server_menus import (
     JoinMenu,
     LobbyMenu,
@@ -187,7 +189,8 @@ class RemoteGames:
             lambda: self._buttons(game, history),
             menu=self._menu,
             message=lambda: self._message(game),
-            ended=partial(self._forget, game),
+            ended=partial(self._finish, game),
+            start=self._ui.introductions.to(game.world, self._ui.words, "Continue"),
         )
         caption = f"Robotouille {game.code}"
         self._ui.settings.code = game.code
@@ -198,7 +201,7 @@ class RemoteGames:
         try:
             answer = await show()
         finally:
-            self._forget(game)
+            self._finish(game)
         watch = partial(self._replays.watch_seen, history, look, self._stem(game))
         save = partial(self._save, game, history, look)
         while True:
@@ -213,8 +216,14 @@ class RemoteGames:
                 cards.returned(explain(error), answer)
             answer = await show()
 
-    def _forget(self, game: Game) -> None:
-        """Forget the code of a game that has ended."""
+    def _finish(self, game: Game) -> None:
+        """Forget the code of a game that has ended, and note its result."""
+        if game.outcome is not None and game.own_seats:
+            rate = real_time_rate(game.clock)
+            seconds = None if rate is None else 1 / rate
+            task, people = game.world.task, game.own_seats
+            note_result(self._ui.settings, task, seconds, game.outcome, people)
+            self._ui.remember()
         if game.finished and self._ui.settings.code == game.code:
             self._ui.settings.code = ""
             self._ui.remember()
