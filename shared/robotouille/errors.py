@@ -21,6 +21,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Callable, Iterable, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -58,20 +59,29 @@ def did_you_mean(name: object, valid: Iterable[str], most: int = 1) -> str:
         valid: The known names.
         most: Largest number of similar names.
     """
-    names = {known.casefold(): known for known in valid}
+    return suggestion(most_similar(name, valid, most))
+
+
+def suggestion(names: Sequence[str]) -> str:
+    """Return the clause `; did you mean 'x' or 'y'?`, or an empty string without names."""
+    if not names:
+        return ""
+    *others, last = map(repr, names)
+    return f"; did you mean {', '.join(others)} or {last}?" if others else f"; did you mean {last}?"
+
+
+def most_similar(name: object, valid: Iterable[str], most: int = 1) -> list[str]:
+    """Return the names that `did_you_mean` suggests."""
+    names = {known.casefold(): str(known) for known in valid}
     left = _left_to_compare.get()
     if left is not None:
         if len(names) > left:
-            return ""
+            return []
         _left_to_compare.set(left - len(names))
     wanted = str(name).casefold()
     similar = difflib.get_close_matches(wanted, list(names), n=most, cutoff=SIMILAR)
     misspelt = [each for each in similar if _likeness(each, wanted) >= MISSPELT]
-    near = misspelt or _beginning_with(wanted, names) or similar
-    if not near:
-        return ""
-    *others, last = [repr(str(names[each])) for each in near]
-    return f"; did you mean {', '.join(others)} or {last}?" if others else f"; did you mean {last}?"
+    return [names[each] for each in misspelt or _beginning_with(wanted, names) or similar]
 
 
 def _likeness(known: str, wanted: str) -> float:
@@ -160,7 +170,7 @@ class UnknownTaskError(RobotouilleError):
         names = list(valid)
         # Tasks may be named by folder and number. A misspelt folder is then nearer to such a short
         # name than to the right full one.
-        short = {each.partition("_")[0] for each in names if "/" in each}
+        short = {short[0] for each in names if (short := re.match(r".*/[^_]*", each))}
         near = (
             did_you_mean(name, [*names, *sorted(short)])
             if file is None

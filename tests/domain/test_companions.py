@@ -195,8 +195,8 @@ def test_invisible_objects(tmp_path: Path) -> None:
     layout = [{"predicate": "loc", "when": "faces"}]
     task = task_in(tmp_path, layout=layout)
     assert (
-        "warning: leek1: cannot be seen: no fact puts it on a station, on a player or into "
-        "something; give the domain a layout rule 'shares_tile' about its type"
+        "warning: objects.item[0]: leek1 cannot be seen: no fact puts it on a station, on a player "
+        "or into something; give the domain a layout rule 'shares_tile' about its type"
     ) in findings(task)
     domain = changed({**DOMAIN, "layout": layout}, "layout", 1, to=DOMAIN["layout"][0])
     assert not any("cannot be seen" in f for f in findings(task_in(tmp_path, **domain)))

@@ -109,10 +109,10 @@ PROBLEMS: list[tuple[tuple[Any, ...], Any, str]] = [
     (("goal",), {}, "goal: input should be a valid tuple"),
     (("objects",), [], "objects: input should be a valid dictionary"),
     (("objects", "itme"), [], "unknown object type 'itme'; did you mean 'item'?"),
-    ((*ITEM, "x"), 5, "items[0]: (5, 0) is off the 3 by 3 grid"),
+    ((*ITEM, "x"), 5, "objects.item[0]: (5, 0) is off the 3 by 3 grid"),
     ((*ITEM, "x"), -1, "greater than or equal to 0, found -1"),
     ((*ITEM, "name"), "two words", "string should match pattern"),
-    ((*ITEM, "predicates"), ["iscutt"], "items[0].predicates[0]: unknown predicate 'iscutt'; did"),
+    ((*ITEM, "predicates"), ["iscutt"], "item[0].predicates[0]: unknown predicate 'iscutt'; did"),
     ((*ITEM, "predicates"), ["istable"], "'istable' does not describe a single item"),
     ((*ITEM, "stak-level"), 1, "unknown field 'stak-level'; did you mean 'stack-level'?"),
     ((*ITEM, "stack-level"), 10**6, "less than or equal to 1000"),
@@ -150,7 +150,14 @@ def test_all_faults_of_a_problem_are_reported() -> None:
     problem = changed(problem, "config", "cost", to={})
     problem = changed(problem, "ground", to=["C"])
     paths = [fault.split(":")[0] for fault in faults_of(problem=problem)]
-    assert paths == ["items[0]", "goal[0].predicate", "config.cost", "ground", "ground[0]"]
+    assert paths == ["objects.item[0]", "goal[0].predicate", "config.cost", "ground", "ground[0]"]
+
+
+def test_one_wrong_predicate_blames_no_right_ones() -> None:
+    wrong = {"predicate": "istable", "params": ["i"]}
+    conditions = [wrong, *DOMAIN["action_defs"][0]["precons"]]
+    (fault,) = faults_of(domain=changed(DOMAIN, "action_defs", 0, "precons", to=conditions))
+    assert fault.startswith("action_defs[0].precons[0].params[0]: 'i' is an item elsewhere")
 
 
 def test_faults_use_the_names_of_the_file() -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 from typer.testing import CliRunner
 
+from robotouille import load_task
 from robotouille_client.cli.main import app
 from tests.support.broken_files import DOMAIN, PROBLEM, changed, write
 
@@ -33,7 +34,7 @@ def test_faults_of_several_files(tmp_path: Path) -> None:
     assert lines == [
         f"{domain}: error: layout[0].predicate: unknown predicate 'att'; did you mean 'at'?",
         f"{good}: no faults",
-        f"{problem}: error: items[0]: (7, 0) is off the 3 by 3 grid",
+        f"{problem}: error: objects.item[0]: (7, 0) is off the 3 by 3 grid",
         f"{problem}: error: goal[0].predicate: unknown predicate 'iscutt'; did you mean 'iscut'?",
     ]
 
@@ -108,6 +109,9 @@ def test_notes_on_a_domain_are_not_repeated(tmp_path: Path) -> None:
         [f"{domain}: note: 'peel' {words}", f"{problem}: note: 'leek' {words}"],
     )
     assert len(lint(problem)[1]) == 2
+    again = str(tmp_path / "again.json")
+    Path(again).write_bytes(Path(domain).read_bytes())
+    assert lint(domain, again)[1][1:] == [f"{again}: no other faults"]
 
 
 def test_an_unused_kind(tmp_path: Path) -> None:
@@ -116,11 +120,15 @@ def test_an_unused_kind(tmp_path: Path) -> None:
     problem = changed({**PROBLEM, "domain": "small"}, "objects", "station", 0, "name", to="tabel")
     name = write(tmp_path, "problem.json", problem)
     status, lines = lint(name)
-    assert status == 0
+    assert status == 1
     assert lines[:2] == [
-        f"{name}: warning: stations[0].name: unknown station kind 'tabel'; did you mean 'table'?",
-        f"{name}: warning: items[0].name: unknown item kind 'leek'",
+        f"{name}: error: objects.station[0].name: unknown station kind 'tabel'; did you mean "
+        "'table'?",
+        f"{name}: warning: objects.item[0].name: unknown item kind 'leek'",
     ]
+    load_task(name)  # Recordings may have such a kitchen.
+    new = write(tmp_path, "new.json", changed(problem, "objects", "station", 0, "name", to="rack"))
+    assert lint(new)[1][0].endswith("kind 'rack': add it to the domain's 'kinds.station'")
     for known in ("stove", "table", "station"):
         other = changed(problem, "objects", "station", 0, "name", to=known)
         assert "station kind" not in "".join(lint(write(tmp_path, "other.json", other))[1])

@@ -90,6 +90,16 @@ def test_wrong_names_suggest_the_nearest(renderings: Path) -> None:
     assert {str(fault) for fault in lint_file(path)} == received([error])
 
 
+def test_suggestions_of_pictures_compare_their_names_alone(renderings: Path) -> None:
+    bread = {"entities": {"bread": {"assets": "dough.svg"}}}
+    look = {"extends": "robotouille", "item": bread}
+    (fault,) = lint_file(write(renderings, "mine.json", look))
+    assert "did you mean" not in str(fault), "topbun.svg has many of its letters"
+    (fault,) = lint_file(write(renderings, "mine.json", {**look, "assets": "assets/mine"}))
+    assert str(fault).startswith("assets:")
+    assert str(fault).endswith("did you mean 'mine'?")
+
+
 def test_a_rendering_may_name_everything_it_redraws(renderings: Path) -> None:
     gear = {"part": {"assets": "gear.svg"}}
     look = {

@@ -47,6 +47,7 @@ def test_players_of_larger_teams_are_checked(tmp_path: Path) -> None:
     path = tmp_path / "kitchen.json"
     path.write_text(json.dumps(problem), encoding="utf-8")
     (fault,) = lint_problem_file(path)
+    assert fault.path == "objects.player[2]"
     assert "faces (3, 6), where there is no station" in fault.message
     assert fault.message.endswith("(3 seats)")
 
@@ -86,31 +87,32 @@ def test_valid_problem_has_no_findings() -> None:
         ),
         (
             {"stations": [{"name": n, "x": 1, "y": 0} for n in ("table", "stove")]},
-            "error: table1: stands on the same tile (1, 0) as stove1",
+            "error: objects.station[0]: table1 stands on the same tile (1, 0) as stove1",
         ),
         (
             {"items": [*BREAD, item("bread", 3, 3)]},
-            "error: bread2: lies on the floor at (3, 3): no station is there",
+            "error: objects.item[1]: bread2 lies on the floor at (3, 3): no station is there",
         ),
         (
             {"containers": [{"name": "pot", "x": 2, "y": 3}]},
-            "error: pot1: lies on the floor at (2, 3): no station is there",
+            "error: objects.container[0]: pot1 lies on the floor at (2, 3): no station is there",
         ),
         (
             {"items": [*BREAD, item("lettuce", 1)]},
-            "error: lettuce1: is on the same tile (1, 0) and level as bread1",
+            "error: objects.item[1]: lettuce1 is on the same tile (1, 0) and level as bread1",
         ),
         (
             {"players": [robot(0, 3, [0, 1])]},
-            "error: robot1: faces (0, 4), where there is no station; players start at a station",
+            "error: objects.player[0]: robot1 faces (0, 4), where there is no station; "
+            "players start at a station",
         ),
         (
             {"players": [robot(1, 0, [1, 0])]},
-            "error: robot1: stands inside table2 at (1, 0)",
+            "error: objects.player[0]: robot1 stands inside table2 at (1, 0)",
         ),
         (
             {"players": [robot(0, 1), robot(0, 1)]},
-            "error: robot2: faces the same station as robot1",
+            "error: objects.player[1]: robot2 faces the same station as robot1",
         ),
     ],
 )
@@ -154,8 +156,8 @@ def test_unreachable_station() -> None:
     corner = [*stations, {"name": "sink", "x": 0, "y": 0}, {"name": "board", "x": 1, "y": 0}]
     found = findings(**{**fields, "stations": corner}, goal=CLEAR)
     assert found == [
-        "error: sink1: cannot be reached: no walkable tile is next to (0, 0)",
-        "error: stove1: cannot be reached: no walkable tile is next to (0, 1)",
+        "error: objects.station[4]: sink1 cannot be reached: no walkable tile is next to (0, 0)",
+        "error: objects.station[3]: stove1 cannot be reached: no walkable tile is next to (0, 1)",
     ]
 
 

@@ -170,13 +170,15 @@ def lint(
     else:
         reported: set[Fault] = set()
         for name, faults in found.items():
-            for fault in faults:
-                # Notes on a domain would come again for each of its problems.
-                if fault.severity != "note" or fault not in reported:
-                    tell(f"{name}: {fault.severity}: {fault}")
+            # Notes on a domain would come again for each of its problems.
+            shown = [f for f in faults if f.severity != "note" or f not in reported]
+            for fault in shown:
+                tell(f"{name}: {fault.severity}: {fault}")
             reported.update(faults)
             if not faults:
                 tell(f"{name}: no faults")
+            elif not shown:
+                tell(f"{name}: no other faults")
     if errors:
         raise typer.Exit(1)
 

@@ -118,7 +118,7 @@ def _check_action(
         message = f"{count:,} effects; at most {MAX_EFFECTS} are allowed"
         return [Fault(f"{path}.sfx", message)]
     faults = []
-    types: dict[str, str] = {}
+    types = _usual_types(path, action, predicates)
     for created in created_by(action.sfx):
         types[created.created_obj.param] = created.created_obj.type
         if created.created_obj.type not in domain.object_types:
@@ -136,6 +136,23 @@ def _check_action(
     where = f"{path}.language_description"
     faults += _check_words(where, action.language_description, "parameter", lasting)
     return faults + _check_scope(path, action)
+
+
+def _usual_types(
+    path: str, action: ActionDef, predicates: Mapping[str, PredicateDef]
+) -> dict[str, str]:
+    """Return the type that most conditions require of each parameter.
+
+    The others are then wrong. If the first condition decided, one wrong predicate at the beginning
+    would blame all the right ones.
+    """
+    votes: dict[str, Counter[str]] = {}
+    for _, condition in conditions_of_action(path, action):
+        definition = predicates.get(condition.predicate)
+        if definition is not None and len(condition.params) == len(definition.param_types):
+            for name, kind in zip(condition.params, definition.param_types, strict=True):
+                votes.setdefault(name, Counter())[kind] += 1
+    return {name: counts.most_common(1)[0][0] for name, counts in votes.items()}
 
 
 def _check_scope(path: str, action: ActionDef) -> list[Fault]:
@@ -184,7 +201,7 @@ def _check_condition(
         return [Fault(f"{path}.params", f"{definition.name!r} takes {expected}, found {found}")]
     faults = []
     for i, (name, kind) in enumerate(zip(condition.params, definition.param_types, strict=True)):
-        known = types.setdefault(name, kind)
+        known = types[name]
         if known != kind:
             is_one, needed = with_article(known), with_article(kind)
             message = f"{name!r} is {is_one} elsewhere in this action, here it must be {needed}"

@@ -11,8 +11,9 @@ import json
 import os
 import re
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import IO, Any, NoReturn, TypeVar
@@ -275,8 +276,17 @@ def _fault(raw: Any, model: type[BaseModel], error: Any) -> Fault:
     elif error["type"] != "missing":
         message = f"{message[0].lower()}{message[1:]}"
         if not (error["type"] == "value_error" and isinstance(error["input"], dict)):
-            message += f", found {_short(error['input'])}"
+            message += f", found {_short(error['input'])}{_name_in(error)}"
     return Fault(_path(raw, location), message)
+
+
+def _name_in(error: Any) -> str:
+    """Return a suggestion if a path is given where the last name in it is expected."""
+    if error["type"] != "string_pattern_mismatch":
+        return ""
+    name = error["input"].replace("\\", "/").rstrip("/").rpartition("/")[2]
+    fits = name != error["input"] and re.search(error["ctx"]["pattern"], name)
+    return f"; did you mean {name!r}?" if fits else ""
 
 
 def _location(error: Any) -> list[Any]:
@@ -309,15 +319,23 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
 
 def _path(raw: Any, location: list[Any]) -> str:
     """Format a location as `action_defs[4].precons[1].predicate`."""
-    # The published dialect has lists such as `items` where the model has `objects.item`.
-    if len(location) >= 2 and location[0] == "objects" and isinstance(raw, dict):
-        plural = f"{location[1]}s"
-        if plural in raw:
-            location = [plural, *location[2:]]
     text = ""
     for part in location:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
-    return text
+    return _path_in_file(text, raw)
+
+
+def as_in_file(faults: Iterable[Fault], raw: Any) -> list[Fault]:
+    """Return a problem's faults with their places in its file."""
+    return [replace(fault, path=_path_in_file(fault.path, raw)) for fault in faults]
+
+
+def _path_in_file(path: str, raw: Any) -> str:
+    # The published dialect has lists such as `items` where the model has `objects.item`.
+    name = re.match(r"objects\.([^.\[]+)", path)
+    if name is None or not isinstance(raw, dict) or f"{name[1]}s" not in raw:
+        return path
+    return f"{name[1]}s{path[name.end() :]}"
 
 
 def _short(value: Any) -> str:

@@ -9,7 +9,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from robotouille.domain.files import content_kind, is_file, read_json, validate
+from robotouille.domain.files import as_in_file, content_kind, is_file, read_json, validate
 from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.domain.task import Task, Timing, build_task, read_domain
 from robotouille.errors import Fault, FileError, UnknownTaskError, WrongArgumentError
@@ -84,9 +84,12 @@ def load_task(
         valid = ", ".join(Timing)
         raise FileError(name, [Fault("timing", f"unknown profile {timing!r}; possible: {valid}")])
     title = path.stem if name.endswith(".json") else _title(path)
-    return build_task(
-        title, domain, problem, seats=seats, timing=Timing(timing), seed=seed, source=str(path)
-    )
+    try:
+        return build_task(
+            title, domain, problem, seats=seats, timing=Timing(timing), seed=seed, source=str(path)
+        )
+    except FileError as error:
+        raise FileError(error.file, as_in_file(error.faults, raw)) from None
 
 
 def _title(path: Path) -> str:

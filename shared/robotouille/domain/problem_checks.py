@@ -63,9 +63,9 @@ def _check_objects(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
     ids: set[str | int] = set()
     for kind, objects in problem.objects.items():
         if kind not in domain.object_types:
-            faults.append(unknown(_list_name(kind), "object type", kind, domain.object_types))
+            faults.append(unknown(object_place(kind), "object type", kind, domain.object_types))
         for i, obj in enumerate(objects):
-            path = f"{_list_name(kind)}[{i}]"
+            path = object_place(kind, i)
             if obj.x >= problem.width or obj.y >= problem.height:
                 size = f"{problem.width} by {problem.height}"
                 faults.append(Fault(path, f"({obj.x}, {obj.y}) is off the {size} grid"))
@@ -83,16 +83,17 @@ def _check_objects(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
         faults.append(Fault("", f"has no {' or '.join(domain.player_types)}"))
     return [
         *faults,
-        *_unknown_kinds(problem, domain),
         *_check_names(problem),
         *_check_seats(problem, domain),
     ]
 
 
-def _unknown_kinds(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
+@bounded
+def check_kinds(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
     """Find kinds that neither the domain nor a predicate mentions, if the domain lists kinds.
 
-    A problem can have kinds of its own, so this is only a warning.
+    A problem can have items and containers of its own, so those are only warnings. A task with an
+    unknown station loads, because recordings may have one.
     """
     faults = []
     known = {kind for kind, of in domain_kinds(domain).items() if of != kind}
@@ -100,8 +101,13 @@ def _unknown_kinds(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
         listed = domain.kinds.get(type_, ())
         for i, obj in enumerate(objects):
             if listed and not obj.predicates and obj.name not in (type_, *listed, *known):
-                message = f"unknown {type_} kind {obj.name!r}{did_you_mean(obj.name, listed)}"
-                faults.append(Fault(f"{_list_name(type_)}[{i}].name", message, "warning"))
+                station = type_ in domain.station_types
+                near = did_you_mean(obj.name, listed)
+                if station and not near:
+                    near = f": add it to the domain's 'kinds.{type_}'"
+                message = f"unknown {type_} kind {obj.name!r}{near}"
+                severity = "error" if station else "warning"
+                faults.append(Fault(f"{object_place(type_, i)}.name", message, severity))
     return faults
 
 
@@ -116,7 +122,7 @@ def _check_names(problem: ProblemFile) -> list[Fault]:
                 if other != (type_, kind):
                     name = f"{kind}{number}"
                     message = f"{kind!r} and the {other[0]} {other[1]!r} both have an object {name}"
-                    clashes.setdefault((type_, kind), Fault(_list_name(type_), message))
+                    clashes.setdefault((type_, kind), Fault(object_place(type_), message))
     return list(clashes.values())
 
 
@@ -226,7 +232,7 @@ def _check_places(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
     fixed = {*domain.station_types, *domain.player_types}
     tiles = {(o.x, o.y) for kind in domain.station_types for o in problem.objects.get(kind, ())}
     return [
-        Fault(f"{_list_name(kind)}[{i}]", f"{obj.name!r} is not on a station, as a shift requires")
+        Fault(object_place(kind, i), f"{obj.name!r} is not on a station, as a shift requires")
         for kind, objects in problem.objects.items()
         if kind not in fixed
         for i, obj in enumerate(objects)
@@ -346,5 +352,6 @@ def _tile_ahead(thing: ObjectDef) -> tuple[int, int]:
     return thing.x + dx, thing.y + dy
 
 
-def _list_name(kind: str) -> str:
-    return f"{kind}s"
+def object_place(kind: str, index: int | None = None) -> str:
+    """Return the place of a type's objects, or of one of them, in a problem."""
+    return f"objects.{kind}" if index is None else f"objects.{kind}[{index}]"

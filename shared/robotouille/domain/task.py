@@ -13,7 +13,7 @@ from typing import Any
 
 from robotouille.domain.domain_checks import check_domain
 from robotouille.domain.files import is_file, read_model, validate
-from robotouille.domain.problem_checks import check_problem
+from robotouille.domain.problem_checks import check_kinds, check_problem
 from robotouille.domain.related_files import FileKind, by, each, read_extending, union
 from robotouille.domain.schema import (
     Arrival,
@@ -207,8 +207,9 @@ def build_task(
     seeded, problem = resolved is not problem, resolved
     faults = _domain_faults(_ByIdentity(domain)) or check_problem(problem, domain)
     errors = [fault for fault in faults if fault.severity == "error"]
-    if errors:  # Warnings follow because they may explain the errors.
-        raise FileError(source, [*errors, *(f for f in faults if f.severity != "error")])
+    if errors:  # Unknown kinds and warnings follow because they may explain the errors.
+        faults = [*(f for f in faults if f not in errors), *check_kinds(problem, domain)]
+        raise FileError(source, [*errors, *faults])
     players = sum(len(problem.objects.get(kind, ())) for kind in domain.player_types)
     allowed = problem.seats or (players,)
     if seats is None:

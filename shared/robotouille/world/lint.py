@@ -17,10 +17,10 @@ from pathlib import Path
 
 from robotouille.domain.derived import created_kinds, fluents
 from robotouille.domain.domain_checks import check_domain, check_input
-from robotouille.domain.files import known_part, read_json
+from robotouille.domain.files import as_in_file, known_part, read_json
 from robotouille.domain.input_bindings import INPUT_FILES, made_up_keys
 from robotouille.domain.loading import load_task
-from robotouille.domain.problem_checks import check_problem
+from robotouille.domain.problem_checks import check_kinds, check_problem
 from robotouille.domain.related_files import (
     faults_in_extending_file,
     input_path,
@@ -47,7 +47,7 @@ from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille.installation import data_folder
 from robotouille.world.grounding.actions import ActionSchema
 from robotouille.world.grounding.atoms import EXISTS, USED
-from robotouille.world.grounding.objects import Object, bound
+from robotouille.world.grounding.objects import Object, bound, places_in_problem
 from robotouille.world.lint_renderings import lint_names, lint_pictures
 from robotouille.world.scene import scene
 from robotouille.world.world import World
@@ -140,7 +140,8 @@ def lint_problem_file(path: Path, domain: str | None = None) -> list[Fault]:
     raw = read_json(path)
     try:
         task = load_task(str(path), domain=domain)
-        return [*lint_task(task), *_placement_of_more(path, task, domain)]
+        faults = [*lint_task(task), *_placement_of_more(path, task, domain)]
+        return as_in_file(faults, raw)
     except FileError as error:
         faults = faults_for(path, error)
     named = domain or (raw.get("domain") if isinstance(raw, dict) else None)
@@ -153,7 +154,8 @@ def lint_problem_file(path: Path, domain: str | None = None) -> list[Fault]:
         kinds: list[str] = []
         if problem is not None:
             problem = resolve_wildcards(problem, used, seed=0)
-            faults += check_problem(problem, used)
+            found = [*check_problem(problem, used), *check_kinds(problem, used)]
+            faults += as_in_file(found, raw)
             kinds = [thing.name for things in problem.objects.values() for thing in things]
         faults += [*lint_domain(used), *lint_companions(used, path.parent, kinds)]
     return list(dict.fromkeys(faults))
@@ -241,13 +243,15 @@ def lint_task(task: Task) -> list[Fault]:
     """Check a task for bad placements, unreachable stations, impossible goals and missing files."""
     world = World(task)
     placement = list(_placement(world))
+    misplaced = {fault.path for fault in placement}
     kinds = dict.fromkeys(thing.kind for thing in world.placed)
     faults = [
         *(f for f in check_problem(task.problem, task.domain) if f.severity != "error"),
+        *check_kinds(task.problem, task.domain),
         *lint_domain(task.domain),
         *placement,
         *_stations(world),
-        *_invisible(world, {fault.path for fault in placement}),
+        *_invisible(world, misplaced),
         *lint_companions(task.domain, task.folder, kinds),
     ]
     # With objects in wrong places, goals look impossible for the wrong reason.
@@ -256,14 +260,30 @@ def lint_task(task: Task) -> list[Fault]:
     return faults
 
 
+class _FaultOf:
+    """Makes faults of objects, each with its place in the problem."""
+
+    def __init__(self, world: World) -> None:
+        self._places = places_in_problem(world.task)
+
+    def __call__(self, name: str, message: str, severity: str = "error") -> Fault:
+        """Return a fault that begins with the object's name."""
+        return Fault(self.place(name), f"{name} {message}", severity)
+
+    def place(self, name: str) -> str:
+        """Return the place of an object in the problem; empty if it is created later."""
+        return self._places.get(name, "")
+
+
 def _placement(world: World) -> Iterator[Fault]:
     domain = world.task.domain
+    fault = _FaultOf(world)
     stations = [o for o in world.placed if o.type in domain.station_types]
     tiles = Counter(o.tile for o in stations)
     for thing in stations:
         if tiles[thing.tile] > 1:
             others = ", ".join(o.name for o in stations if o.tile == thing.tile and o != thing)
-            yield Fault(thing.name, f"stands on the same tile {thing.tile} as {others}")
+            yield fault(thing.name, f"stands on the same tile {thing.tile} as {others}")
     blocked = {o.tile: o.name for o in stations}
     faced: dict[object, str] = {}
     stood: dict[object, str] = {}
@@ -271,13 +291,13 @@ def _placement(world: World) -> Iterator[Fault]:
         target = player.facing or player.tile
         if target not in blocked:
             message = f"faces {target}, where there is no station; players start at a station"
-            yield Fault(player.name, message)
+            yield fault(player.name, message)
         if player.facing is not None and player.tile in blocked:
-            yield Fault(player.name, f"stands inside {blocked[player.tile]} at {player.tile}")
+            yield fault(player.name, f"stands inside {blocked[player.tile]} at {player.tile}")
         if target in faced:
-            yield Fault(player.name, f"faces the same station as {faced[target]}")
+            yield fault(player.name, f"faces the same station as {faced[target]}")
         elif player.tile in stood and player.facing is not None:
-            yield Fault(player.name, f"stands on the same tile as {stood[player.tile]}")
+            yield fault(player.name, f"stands on the same tile as {stood[player.tile]}")
         faced[target] = stood[player.tile] = player.name
     yield from _loose(world, {*blocked, *stood})
 
@@ -285,39 +305,43 @@ def _placement(world: World) -> Iterator[Fault]:
 def _loose(world: World, hosts: set[object]) -> Iterator[Fault]:
     """Report objects on the bare floor, and two objects in one place."""
     domain = world.task.domain
+    fault = _FaultOf(world)
     places: dict[tuple[object, str, int], Object] = {}
     for thing in world.placed:
         if thing.type in (*domain.station_types, *domain.player_types):
             continue
         if thing.tile not in hosts:
-            yield Fault(thing.name, f"lies on the floor at {thing.tile}: no station is there")
+            yield fault(thing.name, f"lies on the floor at {thing.tile}: no station is there")
         place = (thing.tile, thing.type, thing.level)
         if place in places:
             other = places[place].name
-            yield Fault(thing.name, f"is on the same tile {thing.tile} and level as {other}")
+            yield fault(thing.name, f"is on the same tile {thing.tile} and level as {other}")
         places[place] = thing
 
 
 def _stations(world: World) -> Iterator[Fault]:
-    floor = world.floor
+    floor, fault = world.floor, _FaultOf(world)
     for name in floor.stations:
         if floor.reachable and not floor.beside(name):
-            yield Fault(
-                name, f"cannot be reached: no walkable tile is next to {floor.stations[name]}"
-            )
+            tile = floor.stations[name]
+            yield fault(name, f"cannot be reached: no walkable tile is next to {tile}")
 
 
 def _invisible(world: World, known: Set[str]) -> Iterator[Fault]:
-    """Report objects that no fact puts on a tile or on a visible object."""
+    """Report objects that no fact puts on a tile or on a visible object.
+
+    `known` are the places of objects that are reported already.
+    """
+    report = _FaultOf(world)
     placed = scene(world.initial)
     shown = {name for thing in placed.values() for name in thing.contents}
     for name, thing in placed.items():
-        if thing.tile is None and name not in shown | known:
+        if thing.tile is None and name not in shown and report.place(name) not in known:
             message = (
                 "cannot be seen: no fact puts it on a station, on a player or into something; "
                 "give the domain a layout rule 'shares_tile' about its type"
             )
-            yield Fault(name, message, "warning")
+            yield report(name, message, "warning")
 
 
 def _goal(world: World) -> Iterator[Fault]:
@@ -456,5 +480,5 @@ def sound_task(task: Task) -> Task:
         return task
     errors = [fault for fault in lint_task(task) if fault.severity == "error"]
     if errors:
-        raise FileError(task.source, errors)
+        raise FileError(task.source, as_in_file(errors, read_json(Path(task.source))))
     return task

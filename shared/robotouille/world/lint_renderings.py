@@ -27,7 +27,7 @@ from robotouille.domain.related_files import (
 from robotouille.domain.rendering import RENDERING_FILES, Language, RenderingFile
 from robotouille.domain.schema import DomainFile
 from robotouille.domain.task import Task, read_domain
-from robotouille.errors import Fault, FileError, bounded, did_you_mean
+from robotouille.errors import Fault, FileError, bounded, did_you_mean, most_similar, suggestion
 from robotouille.installation import data_folder
 
 
@@ -158,10 +158,16 @@ def lint_pictures(rendering: RenderingFile, beside: Path | None) -> list[Fault]:
     for place, file in rendering.pictures():
         if file not in known:
             words = f"there is no picture {file!r} in {where}: draw it, or name another"
-            faults.append(Fault(place, words + did_you_mean(file, known), "warning"))
+            faults.append(Fault(place, words + _picture_near(file, known), "warning"))
         elif why := picture_fault(known[file]):
             faults.append(Fault(place, f"the picture {file!r} cannot be drawn: {why}", "warning"))
     return faults
+
+
+def _picture_near(file: str, known: Iterable[str]) -> str:
+    """Return a suggestion by the names alone: most pictures share their ending."""
+    pictures = {Path(name).stem: name for name in known}
+    return suggestion([pictures[stem] for stem in most_similar(Path(file).stem, pictures)])
 
 
 @bounded

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
+from robotouille.domain.problem_checks import object_place
 from robotouille.domain.schema import Condition, LayoutRule, ObjectDef
 from robotouille.domain.task import Task
 
@@ -51,7 +52,16 @@ class Object:
 
 def place_objects(task: Task) -> tuple[Object, ...]:
     """Return all objects of a task, by type in the domain's order, then in the order of names."""
-    placed: list[Object] = []
+    return tuple(thing for thing, _ in _placed(task))
+
+
+def places_in_problem(task: Task) -> dict[str, str]:
+    """Return the place of each object in the problem, such as `objects.item[3]`, by its name."""
+    return {thing.name: object_place(thing.type, index) for thing, index in _placed(task)}
+
+
+def _placed(task: Task) -> Iterator[tuple[Object, int]]:
+    """Yield all objects of a task, each with its index among those of its type in the problem."""
     for kind in task.domain.object_types:
         definitions = list(task.problem.objects.get(kind, ()))
         if kind in task.domain.player_types:
@@ -59,18 +69,21 @@ def place_objects(task: Task) -> tuple[Object, ...]:
             # (docs/decisions/0009-one-file-for-all-seat-counts.md).
             definitions = definitions[: task.seats]
         numbers: Counter[str] = Counter()
-        for definition in _numbered(definitions, task.problem.published):
+        for index in _numbered(definitions, task.problem.published):
+            definition = definitions[index]
             numbers[definition.name] += 1
-            placed.append(_object(definition, kind, numbers[definition.name]))
-    return tuple(placed)
+            yield _object(definition, kind, numbers[definition.name]), index
 
 
-def _numbered(definitions: list[ObjectDef], published: bool) -> list[ObjectDef]:
-    """Sort objects in the order in which they are numbered: by x, y and stack level."""
-    # The published simulator ignores stack levels: on one tile, it numbers in the file's order.
-    if published:
-        return sorted(definitions, key=lambda o: (o.x, o.y))
-    return sorted(definitions, key=lambda o: (o.x, o.y, o.stack_level))
+def _numbered(definitions: list[ObjectDef], published: bool) -> list[int]:
+    """Return indexes in the order in which objects are numbered: by x, y and stack level."""
+
+    def key(index: int) -> tuple[int, ...]:
+        thing = definitions[index]
+        # The published simulator ignores stack levels: on one tile, it numbers in the file's order.
+        return (thing.x, thing.y) if published else (thing.x, thing.y, thing.stack_level)
+
+    return sorted(range(len(definitions)), key=key)
 
 
 def _object(definition: ObjectDef, kind: str, number: int) -> Object:
