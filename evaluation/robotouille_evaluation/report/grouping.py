@@ -19,7 +19,9 @@ RowGroups = dict[str, list[ResultRow]]
 DATASETS = ("synchronous", "asynchronous", "multi_agent")
 """The paper's order. Other data sets, such as `shifts`, follow in alphabetical order."""
 
-SETTINGS: tuple[Callable[[ResultRow], str], ...] = (
+Setting = Callable[[ResultRow], str]
+
+SETTINGS: tuple[Setting, ...] = (
     lambda row: f"{row.pack.name} {row.pack.version} {row.pack.digest[:8]}",
     lambda row: row.variant,
     lambda row: row.kind,
@@ -27,6 +29,14 @@ SETTINGS: tuple[Callable[[ResultRow], str], ...] = (
     lambda row: row.pace,
     lambda row: row.budget.rule,
 )
+SETTINGS_OF_VARIANTS: tuple[Setting, ...] = (
+    # A run of the variant `delay-free` changes the pack and so its digest.
+    lambda row: f"{row.pack.name.removesuffix('-delay-free')} {row.pack.version}",
+    lambda row: row.timing,
+    lambda row: row.pace,
+    lambda row: row.budget.rule,
+)
+"""Settings in which the columns of a comparison of variants must agree."""
 
 
 def by(rows: Iterable[ResultRow], key: Callable[[ResultRow], str]) -> RowGroups:
@@ -37,12 +47,24 @@ def by(rows: Iterable[ResultRow], key: Callable[[ResultRow], str]) -> RowGroups:
     return found
 
 
-def named(rows: Sequence[ResultRow]) -> RowGroups:
+def player_of(row: ResultRow) -> str:
+    """Return the row's player, without the data set in the name of a published experiment.
+
+    As in the paper, the experiments of a method on its two data sets, such as `IO/synchronous/io`
+    and `IO/asynchronous/io`, are one player.
+    """
+    own = f"/{row.dataset}/"
+    if own not in row.strategy:
+        return row.player
+    return row.player.replace(row.strategy, row.strategy.replace(own, "/", 1), 1)
+
+
+def named(rows: Sequence[ResultRow], settings: Sequence[Setting] = SETTINGS) -> RowGroups:
     """Return the rows by player.
 
-    A mean over different settings would be meaningless. If rows differ in pack, variant, kind of
-    instance, timing, pace, step budget or team size, each combination is a group of its own whose
-    name includes the settings that differ.
+    A mean over different settings would be meaningless. If rows differ in a setting (by default
+    pack, variant, kind of instance, timing, pace and step budget) or in team size, each combination
+    is a group of its own whose name includes the settings that differ.
     """
     sizes: dict[str, set[int]] = {}
     for row in rows:
@@ -53,10 +75,10 @@ def named(rows: Sequence[ResultRow]) -> RowGroups:
             return ""
         return f"{row.seats} players" if row.seats > 1 else "alone"
 
-    differing = [get for get in (*SETTINGS, team) if len({get(row) for row in rows}) > 1]
+    differing = [get for get in (*settings, team) if len({get(row) for row in rows}) > 1]
 
     def name(row: ResultRow) -> str:
-        return " · ".join([row.player, *filter(None, (get(row) for get in differing))])
+        return " · ".join([player_of(row), *filter(None, (get(row) for get in differing))])
 
     return dict(sorted(by(rows, name).items()))
 

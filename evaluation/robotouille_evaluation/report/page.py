@@ -116,8 +116,9 @@ def _some(words: Sequence[str], most: int = 4) -> str:
 
 
 def _cards(rows: Sequence[ResultRow]) -> Iterator[tuple[str, str]]:
-    yield f"{len(rows):,}", "episodes"
-    yield f"{len({(row.dataset, row.task) for row in rows})}", "tasks"
+    played = len({(row.dataset, row.task) for row in rows})
+    yield f"{len(rows):,}", "episode" if len(rows) == 1 else "episodes"
+    yield f"{played}", "task" if played == 1 else "tasks"
     shares = {
         name: found.estimate
         for name, group in named([row for row in rows if row.score is not None]).items()
@@ -147,9 +148,9 @@ def _notes(rows: Sequence[ResultRow]) -> Iterator[str]:
     unproven = sum(not row.optimum.proven for row in outcomes.with_goal(rows))
     if broken:
         first = f"the first: {broken[0].error}"[:300]
-        yield f"{len(broken):,} episodes ended with an error and count as failed; {first}"
+        yield f"{_episode_count(len(broken))} ended with an error and count as failed; {first}"
     if unproven:
-        yield f"{unproven:,} episodes have no optimality rate: their optimum is not proven"
+        yield f"{_episode_count(unproven)} without an optimality rate: no optimum is proven"
     if len({row.pack.digest for row in rows}) > 1:
         yield "the results come from several packs, and players are listed separately for each"
     if len({row.budget.rule for row in rows}) > 1:
@@ -170,9 +171,13 @@ def _episodes(rows: Sequence[ResultRow], folders: Mapping[str, Path]) -> Iterato
                 yield Details(name, _result(own), inner)
 
 
+def _episode_count(number: int) -> str:
+    return "1 episode" if number == 1 else f"{number:,} episodes"
+
+
 def _result(rows: Sequence[ResultRow]) -> str:
     goals = outcomes.with_goal(rows)
-    parts = [f"{len(rows)} episodes"]
+    parts = [_episode_count(len(rows))]
     if goals:
         parts.append(percent(interval(goals, outcomes.succeeded)))
     if len(goals) < len(rows):

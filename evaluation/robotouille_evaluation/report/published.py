@@ -12,6 +12,9 @@ from dataclasses import dataclass
 SOURCE = "Gonzalez-Pumariega et al., Robotouille, ICLR 2025"
 
 
+LEADERBOARD = "ReAct (leaderboard of the repository)"
+
+
 @dataclass(frozen=True, slots=True)
 class PublishedSuccess:
     """Success rates in per cent of a model and strategy. None: not in the paper."""
@@ -37,8 +40,13 @@ SUCCESS = (
     PublishedSuccess("claude-3-haiku", "I/O", 1.0, 0.0),
     PublishedSuccess("claude-3-haiku", "I/O CoT", 2.0, 0.0),
     PublishedSuccess("claude-3-haiku", "ReAct", 2.0, 0.0),
+    PublishedSuccess("Qwen2-72B-Instruct", LEADERBOARD, 7.0, 2.0),
+    PublishedSuccess("Qwen2-32B-Instruct", LEADERBOARD, 6.0, 1.0),
+    PublishedSuccess("Meta-Llama-3.1-70B-Instruct", LEADERBOARD, 2.0, 0.0),
+    PublishedSuccess("Meta-Llama-3.1-8B-Instruct", LEADERBOARD, 1.0, 0.0),
 )
-"""Tables "successes" and "other-async-baselines" (totals)."""
+"""Tables "successes" and "other-async-baselines" (totals), then the models that only the
+leaderboard in the published repository's README (release c8236a2e) has."""
 
 SUCCESS_INSTANCES = 100
 """Instances of each data set: ten of each task."""

@@ -24,6 +24,7 @@ from robotouille_evaluation.report.bins import (
     steps_to_go_bin,
 )
 from robotouille_evaluation.report.grouping import (
+    SETTINGS_OF_VARIANTS,
     by,
     datasets,
     interval,
@@ -37,6 +38,7 @@ from robotouille_evaluation.report.grouping import (
 from robotouille_evaluation.report.reference import Reference
 
 NONE = "–"
+STOCHASTIC = ("stochastic", "stochastic-paper")
 WORDS = frozenset(
     {"data set", "category", "subcategory", "other", "result", "failure", "recording"}
 )
@@ -161,8 +163,12 @@ def _success_and_part(dataset: str, rows: Sequence[ResultRow]) -> str:
 
 def success_by_task(rows: Sequence[ResultRow]) -> Iterator[Table]:
     """Yield a table of success by task for each data set (paper, table "tasks-results")."""
-    players = named(rows)
     for dataset, group in datasets(rows).items():
+        players = {
+            name: own
+            for name, own in named(rows).items()
+            if any(row.dataset == dataset for row in own)
+        }
         theirs = published.SUCCESS_BY_TASK.get(dataset, {})
         lines = []
         for task, episodes in tasks(group).items():
@@ -458,10 +464,9 @@ def variants(rows: Sequence[ResultRow]) -> Table:
 
     The paper has the tables "stochastic-results" and "dataset-comparison".
     """
-    names = ("", "stochastic", "stochastic-paper", "delay-free")
+    names = ("", *STOCHASTIC, "delay-free")
     lines = []
-    players = by(rows, lambda row: " · ".join(filter(None, [row.player, row.pace])))
-    for player, own in sorted(players.items()):
+    for player, own in named(rows, SETTINGS_OF_VARIANTS).items():
         for kind, group in sorted(by(own, lambda row: row.kind).items()):
             for dataset, in_set in datasets(group).items():
                 for task, episodes in tasks(in_set).items():
@@ -472,7 +477,7 @@ def variants(rows: Sequence[ResultRow]) -> Table:
                         place = (player, kind, dataset, task.rpartition("/")[2])
                         lines.append(TableRow((*place, *cells)))
     if lines:
-        lines += _published_variants({row.dataset for row in rows})
+        lines += _published_variants(rows)
     columns = ("player", "kind", "data set", "task", "original", "stochastic",
                "stochastic-paper", "delay-free")  # fmt: skip
     note = (
@@ -484,15 +489,24 @@ def variants(rows: Sequence[ResultRow]) -> Table:
     return _table("variants", "Variants", columns, lines, note)
 
 
-def _published_variants(sets: Iterable[str]) -> Iterator[TableRow]:
+def _published_variants(rows: Sequence[ResultRow]) -> Iterator[TableRow]:
+    """Yield published results of the variants that were played, by the names of own tasks."""
     stochastic = {n: (plain, less, None, None) for n, (plain, less) in published.STOCHASTIC.items()}
     delay_free = {
         n: (delayed, None, None, free)
         for n, (free, delayed) in published.SYNCHRONOUS_VARIANTS.items()
     }
-    for dataset, known in (("synchronous", stochastic), ("asynchronous", delay_free)):
-        for number, values in known.items() if dataset in sets else ():
-            yield _reference(REACT, NONE, dataset, str(number), *map(_published, values))
+    for dataset, variants, known in (
+        ("synchronous", STOCHASTIC, stochastic),
+        ("asynchronous", ("delay-free",), delay_free),
+    ):
+        own = datasets(rows).get(dataset, [])
+        if not any(row.variant in variants for row in own):
+            continue
+        names = {task_number(task): task.rpartition("/")[2] for task in tasks(own)}
+        for number, values in known.items():
+            task = names.get(number, f"the paper's task {number}")
+            yield _reference(REACT, NONE, dataset, task, *map(_published, values))
 
 
 def comparisons(rows: Sequence[ResultRow]) -> Table:

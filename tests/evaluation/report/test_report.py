@@ -71,7 +71,7 @@ def test_page_shows_scores_of_shifts() -> None:
     text = page_of(rows)
     assert "87 points, 4 served, 1 expired" in text
     assert "best score / planner, shifts: planner" in text
-    assert "1 episodes, 50 % of the planner&#39;s score" in text
+    assert "1 episode, 50 % of the planner&#39;s score" in text
     assert "best success" not in text and "optimality" not in text
 
 

@@ -136,13 +136,31 @@ def test_variants_have_columns_and_are_never_averaged() -> None:
     own, *theirs = variants(rows).rows
     assert own.cells[:4] == ("planner", "", "synchronous", "01_cheese_sandwich")
     assert [cell.partition(" (")[0] for cell in own.cells[4:]] == ["100 %", "0 %", "–", "100 %"]
-    published = ("gpt-4o, ReAct", "–", "synchronous", "2", "80 %", "10 %", "–", "–")
+    task = "the paper's task 2"
+    published = ("gpt-4o, ReAct", "–", "synchronous", task, "80 %", "10 %", "–", "–")
     assert TableRow(published, True) in theirs
     assert not variants([row()]).rows
-    delayed = variants([row(dataset="asynchronous", variant="delay-free")]).rows
-    assert ("gpt-4o, ReAct", "–", "asynchronous", "1", "20 %", "–", "–", "50 %") in [
-        line.cells for line in delayed
-    ]
+    rows = [row(), row(dataset="asynchronous", task="asynchronous/0_x", variant="delay-free")]
+    own, *theirs = variants(rows).rows
+    shown = [line.cells for line in theirs]
+    assert ("gpt-4o, ReAct", "–", "asynchronous", "0_x", "20 %", "–", "–", "50 %") in shown
+    assert {cells[2] for cells in shown} == {"asynchronous"}, "nothing synchronous has a variant"
+
+
+def test_variants_of_different_budgets_are_not_averaged() -> None:
+    other = BudgetRow(rule="published", steps=12)
+    rows = [row(), row(budget=other, outcome=LOST), row(variant="stochastic")]
+    own = [line.cells for line in variants(rows).rows if not line.reference]
+    assert [cells[0] for cells in own] == ["planner · own"]
+    assert own[0][4].startswith("100 %")
+
+
+def test_experiments_of_a_method_on_its_data_sets_are_one_player() -> None:
+    names = {each: f"IO/{each}/io" for each in ("synchronous", "asynchronous")}
+    rows = [row(agent=f"{s} (mock)", strategy=s, dataset=d) for d, s in names.items()]
+    assert list(named(rows)) == ["IO/io (mock)"]
+    other = row(agent="IO/synchronous/io (mock)", strategy="IO/synchronous/io", dataset="mine")
+    assert list(named([other])) == ["IO/synchronous/io (mock)"], "its examples are of another one"
 
 
 def test_players_are_compared_on_common_episodes() -> None:
