@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from robotouille.errors import RobotouilleError, did_you_mean
+from robotouille.errors import RobotouilleError
 from robotouille.terminal import options_from, printable, tell
+from robotouille_client.bots.bot_names import bot_named, is_own
 from robotouille_client.bots.kinds import (
-    TRAINED,
     BotKind,
     BotSetup,
     bot_maker,
@@ -34,6 +35,8 @@ from robotouille_client.console import (
 if TYPE_CHECKING:
     from robotouille_client.bots.seat_policy import MakePolicy
     from robotouille_client.bots.seat_session import Seats, TextBot
+
+    _Bot: TypeAlias = BotSetup | MakePolicy | TextBot
 
 LLM = "llm"
 
@@ -88,32 +91,31 @@ def _requested_seats(kind: str, options: BotOptions) -> Seats:
     return "all" if seats == "all" else tuple(each.strip() for each in seats.split(","))
 
 
-def _bot(kind: str, options: BotOptions) -> BotSetup | MakePolicy:
+def _bot(kind: str, options: BotOptions) -> _Bot:
     if options.skill and kind != BotKind.PLANNER:
         raise RobotouilleError("only a planner has a --skill")
-    if ":" in kind:
+
+    def own(name: str) -> MakePolicy:
         from robotouille_client.bots.own_policy import own_policy_maker
 
-        return own_policy_maker(kind)
-    if kind.endswith(TRAINED):
-        return trained_maker(Path(kind), options.seed)
-    if kind not in list(BotKind):
-        known = [*BotKind, LLM]
-        raise RobotouilleError(
-            f"unknown bot {kind!r}{did_you_mean(kind, known)} "
-            f"(possible: {', '.join(known)}, MODULE:NAME or FILE.npz)"
-        )
-    setup = BotSetup(BotKind(kind), options.seed, options.skill, options.plan)
-    bot_maker(setup)  # Report a wrong option before a seat is taken.
-    return setup
+        return own_policy_maker(name)
+
+    def shipped(kind: BotKind) -> BotSetup:
+        setup = BotSetup(kind, options.seed, options.skill, options.plan)
+        bot_maker(setup)  # Report a wrong option before a seat is taken.
+        return setup
+
+    makers: dict[str, Callable[[], _Bot]] = {each: partial(shipped, each) for each in BotKind}
+    makers[LLM] = partial(_language_model, options)
+    return bot_named(kind, makers, trained=partial(trained_maker, seed=options.seed), own=own)
 
 
-def _language_model(options: BotOptions, *, several: bool) -> TextBot:
+def _language_model(options: BotOptions) -> TextBot:
     # The client must work without the evaluation package, so that is imported by name here.
     from importlib import import_module
 
     bots = import_module("robotouille_evaluation.cli.bot")
-    control = (options.control or "turns") if several else "each"
+    control = (options.control or "turns") if options.seats is not None else "each"
     bot: TextBot = bots.LanguageModelBot.of(options, seed=options.seed, control=control)
     return bot
 
@@ -151,14 +153,9 @@ def command(
 
     seats = _requested_seats(kind, options)
     with _traceback_first():
-        bot: BotSetup | MakePolicy | TextBot
-        if kind == LLM:
-            bot = _language_model(options, several=bool(seats))
-        else:
-            bot = _bot(kind, options)
+        bot = _bot(kind, options)
         own_name = [f"{Path(kind).stem.rpartition(':')[2]}-bot"]
-        is_own = ":" in kind or kind.endswith(TRAINED)
-        default = own_name if is_own else given_names(options.seed, options.seat)
+        default = own_name if is_own(kind) else given_names(options.seed, options.seat)
         request = SeatRequest(
             options.address,
             [options.name] if options.name else default,

@@ -38,10 +38,6 @@ class BotKind(StrEnum):
     PLANNER = "planner"
 
 
-TRAINED = ".npz"
-"""Ending of the files of trained policies."""
-
-
 class OfferedBot(StrEnum):
     """The bots offered to people: planners with a skill, or random bots."""
 

@@ -80,6 +80,13 @@ class LlmBotOptions(ModelOptions):
     strategy: Annotated[
         str, typer.Option(help="Strategy of the language model (docs/evaluate_models.md).")
     ] = "react-last-reasoning-action"
+    pack: Annotated[
+        str,
+        typer.Option(
+            help="Pack with the prompts, examples and experiments of the strategies: ours, or the "
+            "folder of a pack (docs/packs.md)."
+        ),
+    ] = "ours"
     transcript: Annotated[
         Path | None, typer.Option(help="File for the transcript of all model calls.")
     ] = None

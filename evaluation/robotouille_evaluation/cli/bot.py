@@ -29,7 +29,8 @@ from robotouille_evaluation.models import (
     ModelErrorKind,
     ModelRequest,
 )
-from robotouille_evaluation.packs.own import build_own_pack
+from robotouille_evaluation.packs.built_in import find_pack
+from robotouille_evaluation.packs.own import NAME
 from robotouille_evaluation.realtime import Charge, LatePolicy
 from robotouille_evaluation.realtime.network import RealTimeAgent, RealTimeOptions
 from robotouille_evaluation.runs.journal import append_line
@@ -42,10 +43,11 @@ class LanguageModelBot:
     The game is joined with both views: the model reads the text, and a helper plans on states.
 
     Args:
-        strategy: Name of a built-in strategy.
+        strategy: Name of a built-in strategy, or an experiment of the pack.
         transcript: File of JSON lines with the exchanges.
         options: Options for worlds that do not wait.
         control: How the model controls several seats.
+        pack: Built-in pack or folder of a pack with prompts, examples and experiments.
     """
 
     model: ModelChoice
@@ -54,6 +56,7 @@ class LanguageModelBot:
     seed: int = 0
     options: RealTimeOptions = field(default_factory=RealTimeOptions)
     control: Control = "each"
+    pack: str = NAME
     kind: Kind = "model"
     view: View = "both"
 
@@ -72,12 +75,16 @@ class LanguageModelBot:
             options.max_age,
         )
         choice = ModelChoice.of_options(options)
-        return cls(choice, options.strategy, options.transcript, seed, real_time, control)
+        return cls(
+            choice, options.strategy, options.transcript, seed, real_time, control, options.pack
+        )
 
     @property
     def agent(self) -> str:
         """The model, its parameters and the strategy, for recordings."""
         settings = {**self.model.parameters, "strategy": self.strategy, "seed": self.seed}
+        if self.pack != NAME:
+            settings["pack"] = Path(self.pack).name
         words = (f"{name}={value}" for name, value in settings.items())
         return " ".join((self.model.name, *words))[:200]
 
@@ -86,13 +93,14 @@ class LanguageModelBot:
         """Open model and transcript, and yield a function that plays a game to its end.
 
         Raises:
-            UnknownNameError: The strategy is unknown.
+            UnknownNameError: The strategy or the pack is unknown.
+            FileError: The folder of the pack has no valid pack.
             RobotouilleError: The strategy does not support several seats, or the transcript cannot
                 be written.
             ModelError: The key is missing or the provider is unknown; in a game, the model cannot
                 be asked at all.
         """
-        pack, dataset = build_own_pack(), "asynchronous"
+        pack, dataset = find_pack(self.pack), "asynchronous"
         strategy = make_strategy(pack, self.strategy, dataset)
         if self.control != "each":
             strategy = team_strategy(pack, self.strategy, dataset, self.control)

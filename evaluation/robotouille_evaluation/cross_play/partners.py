@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from robotouille.certification import load_certificate
 from robotouille.domain.task import Task
-from robotouille.errors import RobotouilleError, did_you_mean
+from robotouille.errors import RobotouilleError
 from robotouille.planning.plan import Plan, read_plan
 from robotouille.planning.policies.policy import Policy, RandomPolicy
 from robotouille.planning.policies.skill import SKILLS, SkilledPolicy, skill_named
 from robotouille.planning.policies.trained import TrainedPolicy, read_actor
 from robotouille.world.world import State, World
-from robotouille_client.bots.kinds import TRAINED, BotKind, policy_maker
+from robotouille_client.bots.bot_names import bot_named
+from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.bots.own_policy import own_policy_maker
 from robotouille_evaluation.runs.job_agents import LockstepScript
 
@@ -62,26 +64,29 @@ def partners_named(names: Sequence[str], task: Task) -> list[Partner]:
 
 
 def _partner(name: str, task: Task) -> Partner:
-    if name.endswith(TRAINED):
-        return _trained(Path(name), task)
-    if ":" in name:
-        own = own_policy_maker(name)
-        return Partner.simple(name, lambda state, player, seed: own(state, player))
-    if name == RANDOM:
-        return Partner.simple(name, lambda state, player, seed: RandomPolicy(player, seed))
-    if name == SCRIPTED:
-        plan = _shipped_plan(task)
-        return Partner.simple(name, lambda state, player, seed: LockstepScript(player, plan, state))
-    if name in SKILLS:
-        return _planner(name)
-    known = [RANDOM, SCRIPTED, *SKILLS]
-    raise RobotouilleError(
-        f"unknown partner {name!r}{did_you_mean(name, known)} "
-        f"(possible: {', '.join(known)}, FILE.npz or MODULE:NAME)"
-    )
+    shipped: dict[str, Callable[[], Partner]] = {
+        RANDOM: _random,
+        SCRIPTED: partial(_scripted, task),
+        **{skill: partial(_planner, skill) for skill in SKILLS},
+    }
+    return bot_named(name, shipped, trained=partial(_trained, task), own=_own, what="partner")
 
 
-def _trained(path: Path, task: Task) -> Partner:
+def _random() -> Partner:
+    return Partner.simple(RANDOM, lambda state, player, seed: RandomPolicy(player, seed))
+
+
+def _scripted(task: Task) -> Partner:
+    plan = _shipped_plan(task)
+    return Partner.simple(SCRIPTED, lambda state, player, seed: LockstepScript(player, plan, state))
+
+
+def _own(name: str) -> Partner:
+    make = own_policy_maker(name)
+    return Partner.simple(name, lambda state, player, seed: make(state, player))
+
+
+def _trained(task: Task, path: Path) -> Partner:
     actor = read_actor(path)
     # Refuse a policy of another kitchen before anything is played.
     start = World(task).initial

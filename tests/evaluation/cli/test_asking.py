@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -26,7 +27,10 @@ from robotouille_evaluation.models import (
     Usage,
 )
 from robotouille_evaluation.models.openai_compatible import KEY_VARIABLES
+from robotouille_evaluation.packs import write_pack
+from robotouille_evaluation.packs.experiment import Experiment
 from robotouille_evaluation.runs import RunFolder
+from tests.support.runs import small_pack
 from tests.support.samples import quick_sample
 
 RUN = [
@@ -206,3 +210,21 @@ def test_bot_options_reach_the_endpoint() -> None:
     with pytest.raises(WrongArgumentError, match="prices"):
         LanguageModelBot.of(LlmBotOptions(**options, price="1"))
     assert ModelChoice("m").endpoint() == Endpoint("m")
+
+
+async def test_bot_plays_the_experiments_of_a_pack(tmp_path: Path) -> None:
+    folder = tmp_path / "mine"
+    prompt = {"experiment_name": "IO", "prompt_version": "1", "prompt_description": "x"}
+    settings = {"llm": {"prompts": {"action_proposal_prompt": prompt}}}
+    experiment = Experiment("IO/mine", "io", (), (), (), settings)
+    pack = small_pack()
+    prompts = (*pack.prompts, replace(pack.prompts[0], id="IO/1-x"))
+    write_pack(replace(pack, prompts=prompts, experiments=(experiment,)), folder)
+    options = LlmBotOptions(strategy="IO/mine", pack=str(folder))
+    async with LanguageModelBot.of(options).opened():
+        pass
+    assert LanguageModelBot.of(options).agent == "mock strategy=IO/mine seed=0 pack=mine"
+    for wrong, expected in ("our", "did you mean 'ours'"), (str(tmp_path), "manifest.json"):
+        with pytest.raises(RobotouilleError, match=expected):
+            async with LanguageModelBot.of(LlmBotOptions(pack=wrong)).opened():
+                pass
