@@ -7,16 +7,19 @@ import random
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from robotouille.errors import ProtocolError, RobotouilleError
+from robotouille.protocol import messages
 from robotouille.replay.recording import read_recording
 from robotouille_client import Client, Game, connect
 from robotouille_server.auth.roles import Role
 from robotouille_server.cli import _first_of_cluster
 from robotouille_server.cluster.bus import Bucket, Entry, Stored, UnavailableError
 from robotouille_server.cluster.service import ClusterService
+from robotouille_server.requests import Opening
 from tests.support.buses import Handler, SimulatedBus, SimulatedNats
 from tests.support.clusters import Nodes, cluster_of, cluster_on
 from tests.support.virtual_time import virtual
@@ -545,3 +548,39 @@ class TestTakeover:
             assert found.steps == 8
             stored = nodes.nats.storage.files[path.name]
             assert stored == path.read_bytes()
+
+
+@virtual
+async def test_requests_of_a_flood_take_turns(tmp_path: Path) -> None:
+    """Their tasks are all ready at once, and would keep steps waiting for all of them."""
+    loop, iteration, worked = asyncio.get_running_loop(), 0, list[tuple[object, int]]()
+
+    def count() -> None:
+        nonlocal iteration
+        iteration += 1
+
+    async with cluster_of(tmp_path, 2) as nodes:
+        for node in nodes:
+            lobby = node.server.lobby
+            for name in ("infos", "create", "close"):
+                work = getattr(lobby, name)
+
+                def noted(*args: Any, work: Any = work, lobby: Any = lobby, **kw: Any) -> Any:
+                    worked.append((lobby, iteration))
+                    loop.call_soon(count)
+                    return work(*args, **kw)
+
+                setattr(lobby, name, noted)
+        service = nodes[0].server.services.cluster
+        assert isinstance(service, ClusterService)
+        opening = Opening(request=messages.Create(task=TASK))
+        opened = await asyncio.gather(*(service.create(opening) for _ in range(6)))
+        await asyncio.gather(
+            *(service.list(messages.ListEpisodes(), "", "", operator=False) for _ in range(10)),
+            *(
+                service.close(messages.Close(episode=each.code), "", operator=True)
+                for each in opened
+            ),
+        )
+    assert len(worked) == 6 + 2 * 10 + 6
+    assert len(set(worked)) == len(worked)

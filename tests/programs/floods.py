@@ -47,6 +47,7 @@ from tests.programs.honest_game import HELLO, SUBPROTOCOL, HonestGame
 from tests.programs.record_flood import Kind, RecordFlood
 from tests.programs.resume_storm import ResumeStorm
 from tests.support.fuzzing.wire import BINARY, CONTINUATION, PING, PONG, TEXT, frame, request
+from tests.support.nats import missing, nats_cluster
 from tests.support.server_process import ServerProcess, server_process
 
 __all__ = ["FLOODS", "Flood", "Result", "main", "measure"]
@@ -108,6 +109,7 @@ class Flood:
     connection requests this page again and again; with `operator`, from the operator port. With
     `records`, the server uses TLS with an RSA key, and the connections send records of this kind.
     With `broker`, the flood comes from an MQTT broker of this kind, during the whole measurement.
+    With `cluster`, the connections flood another node of the server's cluster, on a real NATS.
     `max_growth` is the limit for the server's memory.
     """
 
@@ -126,6 +128,7 @@ class Flood:
     operator: bool = False
     records: Kind | None = None
     broker: BrokerFlood | None = None
+    cluster: bool = False
     elsewhere: bool = False
     rooms: int = 0
     connections: int = 4
@@ -154,6 +157,14 @@ FLOODS = {
     "joins": Flood("repeated joining and leaving", _in_and_out, ("hello",)),
     "lists": Flood(
         "lists of 300 episodes", lambda code: _message({"type": "list"}), ("hello",), rooms=300
+    ),
+    "cluster-lists": Flood(
+        "lists of 100 episodes from another node, from 60 connections",
+        lambda code: _message({"type": "list"}),
+        ("hello",),
+        cluster=True,
+        rooms=100,
+        connections=60,
     ),
     "fields": Flood("9,900 unknown fields before hello", _unknown_fields),
     "codes": Flood(
@@ -420,6 +431,8 @@ def measure(name: str, runs: int, seconds: float, *, descriptors: int = 0) -> Re
         flags, tls = _tls(Path(folder)) if FLOODS[name].records else ((), None)
         if kind := FLOODS[name].broker:
             flags = _broker(kind, Path(folder), stack)
+        if FLOODS[name].cluster:
+            flags += ("--cluster", stack.enter_context(nats_cluster(Path(folder), 1)).url(0))
         operator = _free_port()
         flags += ("--operator-port", str(operator))
         with server_process(Path(folder), *FLAGS, *flags) as server:
@@ -427,6 +440,9 @@ def measure(name: str, runs: int, seconds: float, *, descriptors: int = 0) -> Re
             game = HonestGame(server, FLOODS[name].rooms, tls)
             game.longest_gap(1.0)
             port = operator if FLOODS[name].operator else server.port
+            if FLOODS[name].cluster:
+                # It joins after the game, which is therefore on the first node.
+                port = stack.enter_context(_other_node(Path(folder), flags)).port
             before, gaps, most, admitted = process.memory_info().rss, [], 0, True
             for _ in range(runs):
                 with _flooding(name, port, game.code):
@@ -437,6 +453,14 @@ def measure(name: str, runs: int, seconds: float, *, descriptors: int = 0) -> Re
             game.close()
             size = server.log.stat().st_size
             return Result(name, tuple(gaps), most - before, size, admitted)
+
+
+@contextmanager
+def _other_node(folder: Path, flags: tuple[str, ...]) -> Iterator[ServerProcess]:
+    own = folder / "other"
+    own.mkdir()
+    with server_process(own, *FLAGS, *flags[:-2], "--no-operator") as node:
+        yield node
 
 
 def _free_port() -> int:
@@ -553,7 +577,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if given.attack:
         name, port, code = given.attack
         attack(name, int(port), code)
-    results = list(_rows(given.floods or list(FLOODS), given.runs, given.seconds))
+    possible = [name for name, flood in FLOODS.items() if not (flood.cluster and missing())]
+    results = list(_rows(given.floods or possible, given.runs, given.seconds))
     return 0 if all(result.withstood for result in results) else 1
 
 

@@ -20,6 +20,7 @@ from robotouille_server.cluster.secrets import SharedSecrets
 from robotouille_server.requests import Opening, Services, open_episode
 from robotouille_server.rooms.lobby import MAX_LISTED
 from robotouille_server.rooms.participants.session import JoinedRoom, SessionLimits
+from robotouille_server.transport import LoopTurns
 
 ANSWER_SECONDS = 5.0
 """Seconds that another node has to open or close an episode."""
@@ -58,7 +59,11 @@ class _Answer(BaseModel):
 
 
 class ClusterService:
-    """Requests that clients may send to any node, and nodes to each other."""
+    """Requests that clients may send to any node, and nodes to each other.
+
+    Their work is done in tasks, which the budget of connections does not limit. So each request
+    takes a turn of the event loop.
+    """
 
     def __init__(self, node: ClusterNode, services: Services, secrets: SharedSecrets) -> None:
         self.node = node
@@ -66,6 +71,7 @@ class ClusterService:
         self.secrets = secrets
         self.mirrors = Mirrors(self)
         self.relays = Relays(node, services.lobby)
+        self._turns = LoopTurns(services.loop_budget)
 
     @property
     def _bus(self) -> Bus:
@@ -146,6 +152,7 @@ class ClusterService:
         return answer.created
 
     async def _create_here(self, opening: Opening) -> messages.Created:
+        await self._turns.next()
         room, created = open_episode(self.services, opening)
         try:
             await self.node.registered(room.id)
@@ -160,6 +167,7 @@ class ClusterService:
         record = self.node.directory.find(message.episode)
         reason = message.reason or ""
         if record is None or record.node == self.node.name or record.ended:
+            await self._turns.next()
             lobby = self.services.lobby
             return lobby.close(message.episode, reason, owner, operator=operator).id
         data = _Closing(episode=record.episode, reason=reason, owner=owner, operator=operator)
@@ -175,18 +183,19 @@ class ClusterService:
         # Every node returns its first episodes, up to the end of the page.
         wanted = request.model_copy(update={"skip": 0})
         listing = _Listing(request=wanted, only=only, owner=owner, operator=operator)
-        own = self.services.lobby.infos(wanted, only, owner, operator=operator)
         others = [r for r in self.node.members.alive() if r.name != self.node.name]
         data = listing.model_dump_json().encode()
         answers = await asyncio.gather(
-            *(self._ask(report.name, "list", data, LIST_SECONDS) for report in others),
+            *(self._bus.request(f"node.{other.name}.list", data, LIST_SECONDS) for other in others),
             return_exceptions=True,
         )
+        # Reading and sorting long lists takes as long as making them.
+        await self._turns.next()
+        own = self.services.lobby.infos(wanted, only, owner, operator=operator)
         found, total = list(own.episodes), own.total
-        for answer in answers:
-            if isinstance(answer, _Answer) and answer.episodes is not None:
-                found += answer.episodes.episodes
-                total += answer.episodes.total
+        for part in map(_listed, answers):
+            found += part.episodes
+            total += part.total
         found.sort(key=lambda info: (PHASES.get(Phase(info.phase), 3), info.created))
         page = found[request.skip : request.skip + MAX_LISTED]
         return messages.Episodes(ref=request.ref, episodes=page, total=total)
@@ -225,15 +234,7 @@ class ClusterService:
             raise _unavailable(error) from None
 
     async def _answer_of(self, node: str, what: str, data: bytes, seconds: float) -> _Answer:
-        answer = await self._bus.request(f"node.{node}.{what}", data, seconds)
-        try:
-            found = _Answer.model_validate_json(answer)
-        except ValidationError:
-            message = "another node has sent an answer that this one cannot read"
-            raise ProtocolError("server/internal", message) from None
-        if found.error is not None:
-            raise ProtocolError(found.error.code, found.error.message, found.error.field)
-        return found
+        return _read(await self._bus.request(f"node.{node}.{what}", data, seconds))
 
     async def _asked(self, what: str, data: bytes) -> bytes:
         try:
@@ -249,6 +250,7 @@ class ClusterService:
     async def _answer(self, what: str, data: bytes) -> _Answer:
         if what == "create":
             return _Answer(created=await self._create_here(Opening.model_validate_json(data)))
+        await self._turns.next()
         if what == "close":
             closing = _Closing.model_validate_json(data)
             lobby, operator = self.services.lobby, closing.operator
@@ -264,6 +266,29 @@ class ClusterService:
             listing.request, listing.only, listing.owner, operator=listing.operator
         )
         return _Answer(episodes=infos)
+
+
+def _read(answer: bytes) -> _Answer:
+    """Return the answer of another node; raise ProtocolError if it is an error or unreadable."""
+    try:
+        found = _Answer.model_validate_json(answer)
+    except ValidationError:
+        message = "another node has sent an answer that this one cannot read"
+        raise ProtocolError("server/internal", message) from None
+    if found.error is not None:
+        raise ProtocolError(found.error.code, found.error.message, found.error.field)
+    return found
+
+
+def _listed(answer: bytes | BaseException) -> messages.Episodes:
+    """Return the list of a node; an empty one if the node has not answered."""
+    nothing = messages.Episodes(episodes=[], total=0)
+    if isinstance(answer, BaseException):
+        return nothing
+    try:
+        return _read(answer).episodes or nothing
+    except ProtocolError:
+        return nothing
 
 
 def _unavailable(error: BusError) -> ProtocolError:

@@ -5,14 +5,12 @@ from __future__ import annotations
 import asyncio
 from collections import OrderedDict
 from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
-from functools import partial
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from robotouille_server.operator.principal import RequestRefusedError
 from robotouille_server.runtime.budgets import TokenBucket
-from robotouille_server.transport import LoopBudget
-from robotouille_server.transport.loop_budget import LOOP_BUDGET
+from robotouille_server.transport import LoopBudget, LoopTurns
 
 if TYPE_CHECKING:  # A server without the extra `operator` imports this module, too.
     from starlette.requests import Request
@@ -99,37 +97,23 @@ async def _disconnected(request: Request) -> None:
         pass
 
 
-class Turns:
-    """Turns of the event loop for operators' work, one after another.
-
-    Between two turns, episodes take their due steps, and connections of clients get a turn.
-    Without these turns, the event loop would answer all requests that have arrived before it
-    takes a step.
-    """
+class Turns(LoopTurns):
+    """Turns of the event loop for operators' work, at a limited rate."""
 
     def __init__(self, budget: LoopBudget, now: Callable[[], float]) -> None:
-        self._budget = budget
+        super().__init__(budget)
         self._now = now
         self._bucket = TokenBucket(TURNS_A_SECOND, now(), TURNS_BURST)
-        self._first = asyncio.Lock()
+        self._paced = asyncio.Lock()
 
     async def next(self) -> None:
         """Wait for a turn. The caller may then work until its next `await`."""
-        # Only the first waits in the queue of the clients' connections, so that a client waits for
-        # one turn of the operators, not for all of them.
-        async with self._first:
+        async with self._paced:
             lacking = 1 - self._bucket.left(self._now())
             if lacking > 0:
                 await asyncio.sleep(lacking / TURNS_A_SECOND)
             self._bucket.owe(self._now(), 1)
-            turn = asyncio.get_running_loop().create_future()
-            self._budget.wait(partial(self._begin, turn))
-            await turn
-
-    def _begin(self, turn: asyncio.Future[None]) -> None:
-        if not turn.done():  # The client may have gone.
-            self._budget.spend(LOOP_BUDGET)
-            turn.set_result(None)
+            await super().next()
 
     async def parts(self, items: Sequence[T], size: int) -> AsyncIterator[Sequence[T]]:
         """Yield parts of a sequence, each in a turn of its own."""

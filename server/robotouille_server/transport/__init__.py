@@ -6,7 +6,7 @@ from robotouille_server.transport.admission import (
     Newcomers,
 )
 from robotouille_server.transport.connection import Connection, PendingConnection, cut, frame_of
-from robotouille_server.transport.loop_budget import LoopBudget
+from robotouille_server.transport.loop_budget import LoopBudget, LoopTurns
 from robotouille_server.transport.peer import MAX_HELD, Peer
 from robotouille_server.transport.tls import ServerTLS
 
@@ -16,6 +16,7 @@ __all__ = [
     "Admission",
     "Connection",
     "LoopBudget",
+    "LoopTurns",
     "Newcomers",
     "Peer",
     "PendingConnection",

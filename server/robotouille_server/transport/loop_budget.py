@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from math import inf
 
 LOOP_BUDGET = 96.0
@@ -88,3 +89,29 @@ class LoopBudget:
             if self._waiting:
                 self._schedule()
             self.done()
+
+
+class LoopTurns:
+    """Turns of the event loop for work of tasks, one after another.
+
+    Between two turns, episodes take their due steps, and connections of clients get a turn. Without
+    these turns, the event loop would do the work of all ready tasks before it takes a step.
+    """
+
+    def __init__(self, budget: LoopBudget) -> None:
+        self._budget = budget
+        self._first = asyncio.Lock()
+
+    async def next(self) -> None:
+        """Wait for a turn. The caller may then work until its next `await`."""
+        # Only the first waits in the queue of the clients' connections, so that a client waits for
+        # one turn of the tasks, not for all of them.
+        async with self._first:
+            turn = asyncio.get_running_loop().create_future()
+            self._budget.wait(partial(self._begin, turn))
+            await turn
+
+    def _begin(self, turn: asyncio.Future[None]) -> None:
+        if not turn.done():  # The client may have gone.
+            self._budget.spend(LOOP_BUDGET)
+            turn.set_result(None)
