@@ -6,7 +6,12 @@ import pytest
 
 from robotouille import RecordingError
 from robotouille.replay.container import frame_ends, pack_frame, read_frames
-from robotouille.replay.frame_schema import check_frame
+from robotouille.replay.frame_schema import (
+    MAX_PLAYERS,
+    MAX_REASONS,
+    MAX_TIMERS,
+    check_frame,
+)
 from robotouille.replay.recording import Recording
 from tests.support.games import recorded_game
 
@@ -77,3 +82,36 @@ def test_impossible_times_are_refused(
     place[path[-1]] = value
     with pytest.raises(RecordingError, match=rf"frame 3: {kind}\.{field}: "):
         check_frame(frame, 3)
+
+
+PLAYERS = [f"robot{number}" for number in range(MAX_PLAYERS + 1)]
+MOVE = {"player": "robot1", "action": ["wait"], "seq": 1, "ms": 1}
+STEP = {"kind": "step", "step": 1, "t": 1, "moves": []}
+STATE = {"kind": "state", "step": 1, "hash": "", "facts": [], "timers": [], "busy": {}}
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        {**STEP, "moves": [MOVE] * (MAX_PLAYERS + 1)},
+        {**STEP, "waits": PLAYERS},
+        {**STEP, "idle": [["robot1", 1]] * (MAX_PLAYERS + 1)},
+        {**STEP, "busy": dict.fromkeys(PLAYERS, 1)},
+        {**STEP, "unmet": {player: ["no"] for player in PLAYERS}},
+        {**STEP, "unmet": {"0": ["no"] * (MAX_REASONS + 1)}},
+        {**STEP, "timers": {str(number): [1] for number in range(MAX_TIMERS + 1)}},
+        {**STATE, "timers": [["cook.0()", [1]]] * (MAX_TIMERS + 1)},
+        {**STATE, "busy": dict.fromkeys(PLAYERS, 1)},
+        {"kind": "notes", "notes": [{"note": "paused", "t": 0, "holds": PLAYERS[:101]}]},
+    ],
+)
+def test_frame_of_more_than_any_kitchen_has_is_refused(frame: dict[str, object]) -> None:
+    with pytest.raises(RecordingError, match="should have at most"):
+        check_frame(frame, 7)
+
+
+def test_end_with_an_impossible_time_is_refused() -> None:
+    """A time that becomes infinite in milliseconds ended `replay info` with a traceback."""
+    outcome = {"reason": "goal", "steps": 1, "seconds": 1.7e308, "detail": "", "seats": []}
+    with pytest.raises(RecordingError, match=r"outcome\.seconds"):
+        check_frame({"kind": "footer", "outcome": outcome}, 7)

@@ -189,3 +189,11 @@ def test_notes_leave_half_of_the_quota_to_reasoning() -> None:
     used = restored.episode.seats["robot1"].quota.used
     assert used == seat.quota.used
     course.episode.submit("robot1", ActionRequest(1, reasoning="still accepted"), 1.0)
+
+
+def test_call_of_very_many_empty_messages_is_not_read() -> None:
+    """A note of two bytes for each message would otherwise become forty bytes of a transcript."""
+    course = Course()
+    sent = [0] * (reading.MAX_CALL // reading.MESSAGE + 1)
+    course.note(json.dumps({"number": 1, "known": 0, "new": [["user", ""]], "sent": sent}))
+    assert not list(model_calls(course.recording()))

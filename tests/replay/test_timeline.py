@@ -1,6 +1,7 @@
 """Timelines and notes of recordings."""
 
 import json
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -35,6 +36,32 @@ def recording(why: PauseReason = PauseReason.OPERATOR, seconds: float = 4.0) -> 
 def test_pause_has_step_reasons_and_length() -> None:
     (pause,) = pauses(recording())
     assert (pause.step, pause.holds, pause.seconds) == (3, ("operator",), 4.0)
+
+
+class CountedText(str):
+    """Text that counts how often it is hashed, and so how often it is compared."""
+
+    hashed = 0
+
+    def __hash__(self) -> int:
+        CountedText.hashed += 1
+        return super().__hash__()
+
+
+def test_reasons_of_many_pauses_are_joined_once() -> None:
+    holds = [CountedText(number) for number in range(500)]
+
+    class Notes:
+        outcome = None
+
+        def notes(self) -> Iterator[dict[str, Any]]:
+            for hold in holds:
+                yield {"note": "paused", "step": 1, "t": 2, "holds": [hold]}
+
+    CountedText.hashed = 0
+    (pause,) = pauses(Notes())
+    assert pause.holds == tuple(holds)
+    assert CountedText.hashed < 10 * len(holds)
 
 
 def test_course_as_data() -> None:

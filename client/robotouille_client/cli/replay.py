@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -263,7 +264,8 @@ def steps(
     try:
         found = distances(recording, expansions, deadline)
         found = _with_progress(found, recording.length, silent)
-        for frame, row in zip((None, *recording.steps), found, strict=True):
+        frames = chain((None,), recording.each_step())
+        for frame, row in zip(frames, found, strict=True):
             rows.append(row)
             if not json_output:
                 tell(_step_text(recording, frame, row))

@@ -84,23 +84,23 @@ def open_regular(path: Path) -> IO[bytes]:
     return file
 
 
-def read_bytes(path: Path) -> bytes:
-    """Return the content of a file.
+def read_bytes(path: Path, most: int = MAX_FILE_BYTES) -> bytes:
+    """Return the content of a file of at most `most` bytes.
 
     Raises:
         OSError: The path leads to a pipe, a device or a folder, or the file cannot be read.
         FileError: The file is too large.
     """
     with open_regular(path) as file:
-        content = file.read(MAX_FILE_BYTES + 1)
-    if len(content) > MAX_FILE_BYTES:
-        _fail(path, f"the file is longer than {MAX_FILE_BYTES:,} bytes")
+        content = file.read(most + 1)
+    if len(content) > most:
+        _fail(path, f"the file is longer than {most:,} bytes")
     return content
 
 
-def read_text(path: Path, errors: str = "strict") -> str:
+def read_text(path: Path, errors: str = "strict", most: int = MAX_FILE_BYTES) -> str:
     """Return the text of a file in UTF-8, with line feeds as line ends; see `read_bytes`."""
-    text = read_bytes(path).decode("utf-8-sig", errors)
+    text = read_bytes(path, most).decode("utf-8-sig", errors)
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 

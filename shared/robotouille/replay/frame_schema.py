@@ -86,6 +86,19 @@ Clock = Annotated[int, Field(ge=-MAX_MS, le=MAX_MS)]
 Utc = Annotated[int, Field(ge=-62_135_596_800_000, le=253_402_300_799_999)]
 """Milliseconds since 1970, in the years 1 to 9999."""
 Row = Annotated[list[int], Field(min_length=1)]
+# Without these limits, a few kilobytes of compressed frames could name millions of players and
+# timers, and readers would visit all of them in each step.
+MAX_PLAYERS = 1_000
+"""Players in a list of a frame. A task has at most as many objects."""
+MAX_TIMERS = 20_000
+"""Timers in a frame."""
+MAX_HOLDS = 100
+"""Reasons for a pause in a note."""
+MAX_REASONS = 1_000
+"""Reasons for a rejection."""
+Players = Field(max_length=MAX_PLAYERS)
+Busy = Annotated[dict[str, int], Players]
+Reasons = Annotated[list[str], Field(max_length=MAX_REASONS)]
 ObjectRow = Annotated[list[str], Field(min_length=3, max_length=3)]
 
 
@@ -148,8 +161,11 @@ class StateFrame(Frame):
     step: Index
     hash: str
     facts: list[Index]
-    timers: list[Annotated[list[str | list[int]], Field(min_length=2, max_length=2)]]
-    busy: dict[str, int]
+    timers: Annotated[
+        list[Annotated[list[str | list[int]], Field(min_length=2, max_length=2)]],
+        Field(max_length=MAX_TIMERS),
+    ]
+    busy: Busy
     orders: OrdersRow | None = None
 
 
@@ -168,17 +184,17 @@ class StepFrame(Frame):
     step: Annotated[int, Field(ge=1)]
     t: Elapsed
     late: Elapsed = 0
-    moves: list[RecordedMove]
+    moves: Annotated[list[RecordedMove], Players]
     idle: list[Annotated[list[str | int], Field(min_length=2, max_length=2)]] = Field(
-        default_factory=list
+        default_factory=list, max_length=MAX_PLAYERS
     )
-    waits: list[str] = Field(default_factory=list)
+    waits: list[str] = Field(default_factory=list, max_length=MAX_PLAYERS)
     undone: list[Annotated[list[str], Field(min_length=1)]] = Field(default_factory=list)
-    unmet: dict[str, list[str]] = Field(default_factory=dict)
+    unmet: dict[str, Reasons] = Field(default_factory=dict, max_length=MAX_PLAYERS)
     add: list[Index] = Field(default_factory=list)
     remove: list[Index] = Field(default_factory=list)
-    timers: dict[str, list[int] | None] = Field(default_factory=dict)
-    busy: dict[str, int] = Field(default_factory=dict)
+    timers: dict[str, list[int] | None] = Field(default_factory=dict, max_length=MAX_TIMERS)
+    busy: Busy = Field(default_factory=dict)
     orders: OrdersRow | None = None
     objects: list[ObjectRow] = Field(default_factory=list)
     atoms: list[Row] = Field(default_factory=list)
@@ -208,9 +224,9 @@ class RecordedScore(Frame):
 class RecordedOutcome(Frame):
     reason: str
     steps: int
-    seconds: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    seconds: Annotated[float, Field(ge=0, le=MAX_MS / 1000)]
     detail: str
-    seats: list[RecordedTally]
+    seats: Annotated[list[RecordedTally], Players]
     score: RecordedScore | None = None
 
 
@@ -274,8 +290,8 @@ class RejectedNote(NoteFields):
     player: str
     seq: int
     action: str
-    reasons: list[str]
-    why: list[RecordedWhy] = []
+    reasons: Reasons
+    why: Annotated[list[RecordedWhy], Field(max_length=MAX_REASONS)] = []
     code: Annotated[str, Field(pattern=CODE)] = "action/invalid"
     text: str = ""
     basis: Index = -1
@@ -329,7 +345,7 @@ class ModeratedNote(NoteFields):
 
 class PausedNote(DatedNote):
     note: Literal["paused"]
-    holds: list[str]
+    holds: Annotated[list[str], Field(max_length=MAX_HOLDS)]
 
 
 class ResumedNote(DatedNote):
@@ -343,7 +359,7 @@ class RestartedNote(DatedNote):
 class RoundTripNote(NoteFields):
     note: Literal["round_trip"]
     player: str
-    ms: float
+    ms: Annotated[float, Field(allow_inf_nan=False)]
 
 
 NOTES: Mapping[type, type[NoteFields]] = {

@@ -71,14 +71,14 @@ def _judged(
     refused: set[str],
     turn: str | None,
 ) -> StepActivity:
-    lost = frame.get("unmet", {})
+    lost, waits = frame.get("unmet", {}), frozenset(frame.get("waits", ()))
     applied = {move["player"]: str(i) not in lost for i, move in enumerate(frame["moves"])}
     did = {
         player: activity(
             controller,
             applied.get(player),
             busy.get(player, 0) > 0,
-            player in refused or player in frame.get("waits", ()),
+            player in refused or player in waits,
             turn is not None and turn != player,
         )
         for player, controller in controllers.items()

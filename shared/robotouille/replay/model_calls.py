@@ -29,6 +29,9 @@ MAX_CALL, MAX_SEAT = 4_000_000, 100_000_000
 """Characters of messages that are read for one call, and for all calls of a seat. A short note can
 claim that a long message was sent a thousand times; longer calls count as not recorded."""
 
+MESSAGE = 20
+"""Characters that count for a message besides its text: a call can send a million empty ones."""
+
 # Notes with long texts are split into pieces. This beginning, which `CallNotes` always writes
 # first, shows where a call starts after a piece was lost.
 BEGIN = '{"number":'
@@ -119,7 +122,7 @@ class _Seat:
         known.update(enumerate(told, start=first))
         self.known, before = known, 0 if number == 1 else self.number
         messages = tuple(known.get(int(i), LOST) for i in sent)
-        size = sum(len(message["content"]) for message in messages)
+        size = sum(MESSAGE + len(message["content"]) for message in messages)
         # The size is checked before texts are joined: the messages of a forged call are references
         # to one text, and only a copy would need the memory.
         if size > min(MAX_CALL, self.left):

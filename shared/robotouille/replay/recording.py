@@ -184,9 +184,10 @@ class Recording:
     @cached_property
     def steps(self) -> list[dict[str, Any]]:
         """The frames of all steps."""
-        return list(self._each_step())
+        return list(self.each_step())
 
-    def _each_step(self) -> Iterator[dict[str, Any]]:
+    def each_step(self) -> Iterator[dict[str, Any]]:
+        """Yield the frames of all steps. Prefer this to `steps` for long recordings."""
         return (frame for frame in self.each_frame() if frame["kind"] == "step")
 
     @cached_property
@@ -278,7 +279,7 @@ class Recording:
         """
         state = self.world.initial
         yield 0, state
-        for frame in self._each_step():
+        for frame in self.each_step():
             state = self.take(state, frame).state
             yield frame["step"], state
 

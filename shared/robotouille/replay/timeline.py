@@ -51,17 +51,19 @@ class Stillness:
 def pauses(recording: NoteSource) -> list[Stillness]:
     """Return the pauses in order."""
     found: list[Stillness] = []
+    begun: tuple[int, int] | None = None
+    # A dictionary, because joining tuples would take hours for the notes of a hostile recording.
+    holds: dict[str, None] = {}
     for note in recording.notes():
-        still = found[-1] if found and found[-1].seconds is None else None
-        if note["note"] == "paused" and still is None:
-            found.append(Stillness(note["step"], note["t"], tuple(note["holds"]), None))
-        elif note["note"] == "paused" and still is not None:
-            holds = tuple(dict.fromkeys((*still.holds, *note["holds"])))
-            found[-1] = replace(still, holds=holds)
-        elif note["note"] in ("resumed", "restarted") and still is not None:
-            found[-1] = _ended(still, note["t"])
-    if found and found[-1].seconds is None and recording.outcome is not None:
-        found[-1] = _ended(found[-1], round(recording.outcome["seconds"] * 1000))
+        if note["note"] == "paused":
+            begun = begun or (note["step"], note["t"])
+            holds.update(dict.fromkeys(note["holds"]))
+        elif note["note"] in ("resumed", "restarted") and begun is not None:
+            found.append(_ended(Stillness(*begun, tuple(holds), None), note["t"]))
+            begun, holds = None, {}
+    if begun is not None:
+        still, outcome = Stillness(*begun, tuple(holds), None), recording.outcome
+        found.append(still if outcome is None else _ended(still, round(outcome["seconds"] * 1000)))
     return found
 
 

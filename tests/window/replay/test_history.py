@@ -7,7 +7,10 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from tests.support.games import record, recorded_game
+from tests.support.thorough import thorough
 from tests.support.window_play import headless_window
 
 from robotouille import World
@@ -17,8 +20,15 @@ from robotouille.episode.tallies import Activity
 from robotouille.planning.policies.team_talk import announcement
 from robotouille.replay.controllers import seatings
 from robotouille.replay.recording import Recording
+from robotouille.replay.timeline import Interlude
 from robotouille.world.presentation.signals import Intent, Signal
-from robotouille_client.window.replay.history import EntryKind, History, bubbles_at, notices_at
+from robotouille_client.window.replay.history import (
+    MAX_NOTICE,
+    EntryKind,
+    History,
+    bubbles_at,
+    notices_at,
+)
 from robotouille_client.window.replay.recorded_history import RecordedHistory
 from robotouille_client.window.replay.viewer import RecordingViewer, ReplaySource
 from robotouille_client.window.replay.viewer_state import Playhead, ViewerState
@@ -128,6 +138,28 @@ def test_announcements_outlast_pauses(history: RecordedHistory) -> None:
     assert notices[20] == "Paused for 7 s: by the operator · The operator: lunch"
     assert notices[21] == "The operator: lunch"
     assert notices_at(history.interludes, 0).keys() == {20}
+
+
+def notices_one_by_one(interludes: list[Interlude], steps: int) -> dict[int, str]:
+    """Compute `notices_at` without its bounds."""
+    notices: dict[int, str] = {}
+    for step, words, lasts in interludes:
+        for later in range(step, step + (max(1, steps) if lasts else 1)):
+            first = later > step or step not in notices
+            notices[later] = words if first else f"{notices[step]} · {words}"
+    return notices
+
+
+@thorough(100)
+@given(st.lists(st.tuples(st.integers(0, 12), st.booleans()), max_size=8), st.integers(0, 5))
+def test_notices_equal_those_made_one_by_one(told: list[tuple[int, bool]], steps: int) -> None:
+    interludes = [Interlude(step, f"n{i}", lasts) for i, (step, lasts) in enumerate(sorted(told))]
+    assert notices_at(interludes, steps) == notices_one_by_one(interludes, steps)
+
+
+def test_notices_of_many_announcements_are_cut() -> None:
+    (notice,) = set(notices_at([Interlude(3, "hello")] * 5000, 1).values())
+    assert len(notice) == MAX_NOTICE + 1
 
 
 def test_bubbles_last_three_steps(history: RecordedHistory) -> None:

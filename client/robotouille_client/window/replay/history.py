@@ -240,11 +240,28 @@ def bubbles_at(history: History, step: int) -> tuple[Bubble, ...]:
     return tuple({bubble.player: bubble for bubble in found}.values())
 
 
+MAX_NOTICE = 500
+"""Characters of the notices of a step. A recording can have 300,000 notices after one step."""
+
+
 def notices_at(interludes: list[Interlude], steps: int) -> dict[int, str]:
     """Return notices by step: announcements for `steps` steps, pauses until the game goes on."""
+    groups: dict[int, list[Interlude]] = {}
+    for interlude in interludes:
+        groups.setdefault(interlude.step, []).append(interlude)
     notices: dict[int, str] = {}
-    for step, words, lasts in interludes:
-        for later in range(step, step + (max(1, steps) if lasts else 1)):
-            first = later > step or step not in notices
-            notices[later] = words if first else f"{notices[step]} · {words}"
-    return notices
+    lasting, end, after = "", 0, 0
+    for step in sorted(groups):
+        notices.update(dict.fromkeys(range(after, min(step, end)), lasting))
+        words = [lasting] if step < end else []
+        words += (interlude.words for interlude in groups[step])
+        notices[step] = _cut(" · ".join(words))
+        for interlude in groups[step]:
+            if interlude.lasts:
+                lasting, end = _cut(interlude.words), step + max(1, steps)
+        after = step + 1
+    return notices | dict.fromkeys(range(after, end), lasting)
+
+
+def _cut(words: str) -> str:
+    return words if len(words) <= MAX_NOTICE else f"{words[:MAX_NOTICE]}…"
