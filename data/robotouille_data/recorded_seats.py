@@ -41,7 +41,7 @@ class Repeats:
         self._extend(atoms)
         self._facts = 0
         self._timers: dict[str, tuple[int, ...]] = {}
-        self._others = 0
+        self._timer_hash = self._busy_hash = 0
         self._seen: set[int] = set()
 
     def begin(self, frame: Mapping[str, Any]) -> None:
@@ -52,22 +52,18 @@ class Repeats:
         """
         for fact in frame["facts"]:
             self._facts ^= self._keys[fact]
-        self._timers = {str(label): tuple(counters) for label, counters in frame["timers"]}
-        self._hash_timers(frame["busy"])
+        for label, counters in frame["timers"]:
+            self._set_timer(str(label), tuple(counters))
+        self._busy_hash = hash(frozenset(frame["busy"].items()))
 
-    def step(
-        self, frame: Mapping[str, Any], actions: tuple[Any, ...], busy: dict[str, int]
-    ) -> None:
+    def step(self, frame: Mapping[str, Any], actions: tuple[Any, ...]) -> None:
         """Add a step with its applied actions.
-
-        Args:
-            busy: Steps for which each player is busy after the step.
 
         Raises:
             IndexError: The step adds or removes a fact without a table entry.
         """
         # Only the hash is kept: an episode may have 100,000 steps, and collisions are negligible.
-        key = hash((self._facts, self._others, actions))
+        key = hash((self._facts, self._timer_hash, self._busy_hash, actions))
         if key in self._seen:
             self.count += 1
         self._seen.add(key)
@@ -77,20 +73,21 @@ class Repeats:
             self._facts ^= self._keys[fact]
         for fact in frame.get("remove", ()):
             self._facts ^= self._keys[fact]
-        if "timers" not in frame and "busy" not in frame:
-            return
         for label, counters in frame.get("timers", {}).items():
-            if counters is None:
-                self._timers.pop(label, None)
-            else:
-                self._timers[label] = tuple(counters)
-        self._hash_timers(busy)
+            self._set_timer(label, None if counters is None else tuple(counters))
+        if "busy" in frame:
+            self._busy_hash = hash(frozenset(frame["busy"].items()))
 
     def _extend(self, atoms: int) -> None:
         self._keys += (self._random.getrandbits(62) for _ in range(atoms))
 
-    def _hash_timers(self, busy: Mapping[str, int]) -> None:
-        self._others = hash((frozenset(self._timers.items()), frozenset(busy.items())))
+    def _set_timer(self, label: str, counters: tuple[int, ...] | None) -> None:
+        # The hash changes with each timer: a hostile recording can have 100,000 of them.
+        if (before := self._timers.pop(label, None)) is not None:
+            self._timer_hash ^= hash((label, before))
+        if counters is not None:
+            self._timers[label] = counters
+            self._timer_hash ^= hash((label, counters))
 
 
 ACTIVITIES = ("acted", "busy", "waiting", "idle", "away", "substituted")

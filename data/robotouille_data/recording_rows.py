@@ -38,6 +38,9 @@ from robotouille_data.schema import EPISODES, EVENTS, LABELS, MEASURES, SEATS, S
 
 Row = tuple[Any, ...]
 INT32, INT64 = 2**31 - 1, 2**63 - 1
+# The rows of a hostile recording would fill the disk: each step has a row for each seat.
+MAX_SEATS, MAX_STEP_ROWS = 64, 20_000_000
+"""Seats of a recording, and rows of its steps."""
 OF_THEIR_OWN = frozenset({"note", "t", "player", "name", "text", "action"})
 """Fields of a note that have columns of their own. All others go into `details`."""
 
@@ -66,9 +69,11 @@ class RowBuilder:
         self._header = header
         self._id = episode_id
         self._useful = useful
+        players = player_names(header)
+        if len(players) > MAX_SEATS:
+            raise RecordingError(f"{len(players):,} seats; a catalogue has at most {MAX_SEATS}")
         self._seats = {
-            player: RecordedSeat(number, player)
-            for number, player in enumerate(player_names(header))
+            player: RecordedSeat(number, player) for number, player in enumerate(players)
         }
         domain, shift = header["task"]["domain"], header["task"]["problem"].get("shift")
         self._shift = None if shift is None else Shift.model_validate(shift)
@@ -105,9 +110,11 @@ class RowBuilder:
         # A gap would shift activities and staleness without any visible error.
         if number != self._step + 1:
             raise RecordingError(f"step {self._step + 1} is missing")
+        if number * len(self._seats) > MAX_STEP_ROWS:
+            raise RecordingError(f"more than {MAX_STEP_ROWS:,} rows of steps")
         moves = self._moves(frame)
         turn = self._step % len(self._seats) if self._by_turns else None
-        busy, waits = self._busy, frame.get("waits", ())
+        busy, waits = self._busy, frozenset(frame.get("waits", ()))
         late = _bounded(frame.get("late", 0))
         useful = None if self._useful is None else self._useful[self._step]
         for player, seat in self._seats.items():
@@ -134,7 +141,7 @@ class RowBuilder:
         actions = tuple(
             (m["player"], *m["action"]) for m in frame["moves"] if moves[m["player"]][2]
         )
-        self._repeats.step(frame, actions, self._busy)
+        self._repeats.step(frame, actions)
         self._step, self._time = number, time
 
     def _moves(self, frame: Mapping[str, Any]) -> dict[str, Row]:

@@ -274,3 +274,20 @@ def test_damaged_recordings_are_an_error() -> None:
         rows_of(b"something else")
     with pytest.raises(RecordingError, match="version 9"):
         rows_of(stream[:4] + b"\x09" + stream[5:])
+
+
+def test_recording_of_more_rows_than_any_study_has_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A few kilobytes of recording could fill the disk: each step has a row for each seat."""
+    stream = random_stream(0)
+    head, *others = read_frames(stream)
+    players = [[f"cook{number}", "robot", "player"] for number in range(reading.MAX_SEATS)]
+    tables = {**head["tables"], "objects": head["tables"]["objects"] + players}
+    crowd = MAGIC + b"".join(map(pack_frame, [{**head, "tables": tables}, *others]))
+    with pytest.raises(RecordingError, match=r"seats; a catalogue has at most 64"):
+        rows_of(crowd)
+    steps = len(rows_of(stream)["steps"])
+    monkeypatch.setattr(reading, "MAX_STEP_ROWS", steps - 1)
+    with pytest.raises(RecordingError, match="rows of steps"):
+        rows_of(stream)

@@ -19,7 +19,8 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
-from robotouille.domain.files import whole_file
+from robotouille.domain.files import read_text, whole_file
+from robotouille.errors import FileError
 from robotouille.installation import VERSION
 from robotouille.terminal import printable, printable_json
 from robotouille_data.database import CatalogueError, in_pieces
@@ -27,6 +28,8 @@ from robotouille_data.exports.request import TABLES, About, ExportEntry, ExportF
 from robotouille_data.schema import EPISODES, LABELS
 
 MANIFEST, CODEBOOK = "export.json", "codebook.json"
+MAX_BYTES = 64 << 20
+"""Bytes of one of these files."""
 
 
 def request_row(request: ExportRequest) -> dict[str, Any]:
@@ -127,8 +130,8 @@ def read_json(folder: Path, name: str) -> dict[str, Any]:
         CatalogueError: The file is missing or invalid.
     """
     try:
-        found = json.loads((folder / name).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        found = json.loads(read_text(folder / name, most=MAX_BYTES))
+    except (OSError, ValueError, RecursionError, FileError):
         raise CatalogueError(f"{folder}: not an export; {name} cannot be read") from None
     if not isinstance(found, dict):
         raise CatalogueError(f"{folder}: not an export; {name} is not an object")
@@ -227,7 +230,7 @@ def rewrite_card(folder: Path, about: Mapping[str, str]) -> str:
         check_license(changed.license)
         manifest["about"] = asdict(changed)
         card = write_card(folder, manifest, codebook) if about else card_text(manifest, codebook)
-    except (KeyError, TypeError, AttributeError) as error:
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise CatalogueError(f"{folder}: {MANIFEST} has another version: {error!r}") from None
     if about:
         write_manifest(folder, manifest)
