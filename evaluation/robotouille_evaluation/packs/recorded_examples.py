@@ -9,18 +9,23 @@ player waits only where the kitchen requires it: people need time to think, and 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 from robotouille import GroundAction, State, World
 from robotouille.domain.task import Timing
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
-from robotouille.replay import Recording, Transition
+from robotouille.replay import Recording
 from robotouille_evaluation.packs.example_episodes import REACT, ExampleChoice, example_sets
 from robotouille_evaluation.packs.pack import ExampleEpisode, Pack
 
 UPCOMING = 3
 """Number of next actions in a reasoning that the recording lacks."""
+MAX_ACTIONS = 1_000
+"""Most actions of an example. A game of people has up to 300."""
+MAX_STEPS = 200_000
+"""Most steps that are simulated to leave out pauses: some seconds."""
 
 
 def recorded_choices(recording: Recording, seat: str = "") -> list[ExampleChoice]:
@@ -36,12 +41,7 @@ def recorded_choices(recording: Recording, seat: str = "") -> list[ExampleChoice
     player = _seat(recording, seat)
     if world.shift is not None:
         raise RobotouilleError(f"{recording.source}: is a shift, and examples need a goal")
-    requests = [*recording.transitions()]
-    if not any(request.next_state.goal_reached for request in requests):
-        raise RobotouilleError(
-            f"{recording.source}: does not reach the goal, so it is no good example"
-        )
-    played = [*_played(requests, player)]
+    played = _played(recording, player)
     if not played:
         raise RobotouilleError(f"{recording.source}: {player} does nothing")
     if len(world.players) == 1:
@@ -60,13 +60,33 @@ def _seat(recording: Recording, seat: str) -> str:
     return seat
 
 
-def _played(requests: Iterable[Transition], player: str) -> Iterator[ExampleChoice]:
-    """Yield the applied actions of a player up to the goal, except waiting."""
-    for request in requests:
+def _played(recording: Recording, player: str) -> list[ExampleChoice]:
+    """Return the applied actions of a player up to the goal, except waiting.
+
+    Raises:
+        RobotouilleError: The goal is not reached, or only after more than `MAX_ACTIONS` actions.
+    """
+    found: list[ExampleChoice] = []
+    reached = False
+    for request in recording.transitions():
+        if reached and request.state.goal_reached:
+            break
+        reached = reached or request.next_state.goal_reached
         if request.seat != player or request.state.goal_reached or not request.valid:
             continue
-        if request.action is not None and not _is_wait(request.action):
-            yield ExampleChoice(request.state, request.action, request.reasoning)
+        if request.action is None or _is_wait(request.action):
+            continue
+        if len(found) <= MAX_ACTIONS:
+            found.append(ExampleChoice(request.state, request.action, request.reasoning))
+    if not reached:
+        raise RobotouilleError(
+            f"{recording.source}: does not reach the goal, so it is no good example"
+        )
+    if len(found) > MAX_ACTIONS:
+        raise RobotouilleError(
+            f"{recording.source}: more than {MAX_ACTIONS:,} actions, too many for an example"
+        )
+    return found
 
 
 def _is_wait(action: GroundAction) -> bool:
@@ -80,63 +100,86 @@ def _without_pauses(played: Sequence[ExampleChoice], recording: Recording) -> li
     Raises:
         RobotouilleError: The actions do not reach the goal in that timing.
     """
-    world = World(replace(recording.task, timing=Timing.BENCHMARK))
-    best = _replayed(played, world, frozenset())
+    replays = _Replays(played, World(replace(recording.task, timing=Timing.BENCHMARK)))
+    try:
+        best = replays.choices(frozenset())
+    except _TooLongError:
+        best = None
     if best is None:
         raise RobotouilleError(
             f"{recording.source}: its actions do not reach the goal without its pauses"
         )
     # People also pause where they need not. Each pause is left out if the rest still works.
     at_once: frozenset[int] = frozenset()
-    for place in range(len(played)):
-        shorter = _replayed(played, world, at_once | {place})
-        if shorter is not None and len(shorter) <= len(best):
-            best, at_once = shorter, at_once | {place}
+    with suppress(_TooLongError):
+        for place in range(len(played)):
+            shorter = replays.choices(at_once | {place})
+            if shorter is not None and len(shorter) <= len(best):
+                best, at_once = shorter, at_once | {place}
     return best
 
 
-def _replayed(
-    played: Sequence[ExampleChoice], world: World, at_once: Collection[int]
-) -> list[ExampleChoice] | None:
-    """Return the choices with waits between them, or None if they do not reach the goal.
-
-    Args:
-        at_once: Places of choices that wait only until they apply, and not until the kitchen is as
-            it was recorded.
-    """
-    state, choices = world.initial, []
-    for place, choice in enumerate(played):
-        action = world.action(choice.action.name, *choice.action.arguments)
-        waits = _waits(state, action, None if place in at_once else choice.state)
-        if waits is None:
-            return None
-        for each in (*waits, ExampleChoice(state, action, choice.reasoning)):
-            choices.append(replace(each, state=state))
-            state = state.step(each.action).state
-    return choices if state.goal_reached else None
+class _TooLongError(Exception):
+    """Replays that take more than `MAX_STEPS`."""
 
 
-def _waits(
-    state: State, action: GroundAction, recorded: State | None
-) -> list[ExampleChoice] | None:
-    """Return the waits after which the action applies, if possible in the recorded kitchen.
+class _Replays:
+    """Replays of choices in another timing, with waits between them."""
 
-    None if the action never applies.
-    """
-    world = state.world
-    wait = next((each for each in state.actions(world.players[0]) if _is_wait(each)), None)
-    waits: list[ExampleChoice] = []
-    usable = None
-    while True:
-        if world.applicable(state, action):
-            if recorded is None or state.facts == recorded.facts:
-                return waits
-            usable = len(waits) if usable is None else usable
-        after = state if wait is None else state.step(wait).state
-        if after == state or wait is None:
-            return None if usable is None else waits[:usable]
-        waits.append(ExampleChoice(state, wait, ""))
-        state = after
+    def __init__(self, played: Sequence[ExampleChoice], world: World) -> None:
+        self._played = played
+        self._world = world
+        self._left = MAX_STEPS
+
+    def choices(self, at_once: Collection[int]) -> list[ExampleChoice] | None:
+        """Return the choices with waits between them, or None if they do not reach the goal.
+
+        Args:
+            at_once: Places of choices that wait only until they apply, and not until the kitchen
+                is as it was recorded.
+
+        Raises:
+            _TooLongError: The replays take too many steps in all.
+        """
+        state, choices = self._world.initial, []
+        for place, choice in enumerate(self._played):
+            action = self._world.action(choice.action.name, *choice.action.arguments)
+            waits = self._waits(state, action, None if place in at_once else choice.state)
+            if waits is None:
+                return None
+            for each in (*waits, ExampleChoice(state, action, choice.reasoning)):
+                choices.append(replace(each, state=state))
+                state = self._step(state, each.action)
+        return choices if state.goal_reached else None
+
+    def _waits(
+        self, state: State, action: GroundAction, recorded: State | None
+    ) -> list[ExampleChoice] | None:
+        """Return the waits after which the action applies, if possible in the recorded kitchen.
+
+        None if the action never applies.
+        """
+        player = self._world.players[0]
+        wait = next((each for each in state.actions(player) if _is_wait(each)), None)
+        waits: list[ExampleChoice] = []
+        usable = None
+        while True:
+            if self._world.applicable(state, action):
+                if recorded is None or state.facts == recorded.facts:
+                    return waits
+                usable = len(waits) if usable is None else usable
+            after = state if wait is None else self._step(state, wait)
+            if after == state or wait is None:
+                return None if usable is None else waits[:usable]
+            waits.append(ExampleChoice(state, wait, ""))
+            state = after
+
+    def _step(self, state: State, action: GroundAction) -> State:
+        # A recording can ask for any number of waits: delays are long, and some states never rest.
+        self._left -= 1
+        if self._left < 0:
+            raise _TooLongError
+        return state.step(action).state
 
 
 def _with_reasoning(choices: Sequence[ExampleChoice]) -> Iterator[ExampleChoice]:

@@ -17,7 +17,7 @@ from robotouille_client.cli.main import app
 from robotouille_evaluation.agents.making import PAPER_REACT, make_strategy
 from robotouille_evaluation.agents.proposal import AgentObservation
 from robotouille_evaluation.models import ModelRequest
-from robotouille_evaluation.packs import read_pack
+from robotouille_evaluation.packs import read_pack, recorded_examples
 from robotouille_evaluation.packs.example_episodes import ExampleChoice
 from robotouille_evaluation.packs.recorded_examples import recorded_choices
 from robotouille_evaluation.packs.store import write_pack
@@ -122,6 +122,26 @@ def test_team_needs_a_seat() -> None:
 def test_failed_episode_is_no_example() -> None:
     recording = Recording(played(SANDWICH, random_choice(1)))
     with pytest.raises(RobotouilleError, match="does not reach the goal"):
+        recorded_choices(recording)
+
+
+def test_example_of_very_many_actions_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recorded_examples, "MAX_ACTIONS", len(plan_of(SANDWICH)) - 1)
+    with pytest.raises(RobotouilleError, match="too many for an example"):
+        recorded_choices(recording_of(SANDWICH))
+
+
+def test_pauses_stay_where_leaving_them_out_takes_too_long(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each pause is left out by a replay of the whole game: hours for the longest recordings."""
+    recording, shortest = recording_of(SOUP), len(recorded_choices(recording_of(SOUP)))
+    monkeypatch.setattr(recorded_examples, "MAX_STEPS", 100)
+    choices = recorded_choices(recording)
+    assert replayed(choices)
+    assert len(choices) > shortest
+    monkeypatch.setattr(recorded_examples, "MAX_STEPS", 10)
+    with pytest.raises(RobotouilleError, match="do not reach the goal without its pauses"):
         recorded_choices(recording)
 
 
