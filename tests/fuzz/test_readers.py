@@ -18,7 +18,9 @@ from robotouille import RecordingError, RobotouilleError
 from robotouille.domain.files import read_json
 from robotouille.replay.container import MAGIC, read_frames, unwrap
 from robotouille.replay.recording import Recording, read_recording
+from robotouille_evaluation.metrics.rows import read_rows
 from robotouille_evaluation.metrics.statistics import read_labels
+from robotouille_evaluation.runs.journal import CallJournal
 from robotouille_server.auth.keys import FileKeyring
 from robotouille_server.auth.private_files import read_private
 from robotouille_server.auth.revocation import load_revoked
@@ -127,6 +129,8 @@ FILE_READERS: dict[str, Callable[[Path], object]] = {
     "keys": FileKeyring,
     "revoked": load_revoked,
     "labels": read_labels,
+    "rows": read_rows,
+    "calls": CallJournal,
     "certificate": lambda path: ServerTLS(path, path),
 }
 

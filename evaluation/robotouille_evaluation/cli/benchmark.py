@@ -68,10 +68,11 @@ def resume(
     No paid call is made again.
 
     Models are asked as in the run, except for the given time-out and number of attempts. An
-    endpoint other than OpenAI's must be repeated as --base-url, because a file alone must not
-    decide where a key is sent.
+    endpoint other than OpenAI's must be repeated as --base-url, and agents of your own as --agents,
+    because a file alone must not decide where a key is sent and which code is run.
     """
     from robotouille_evaluation.cli.models import ModelChoice, require_base_url
+    from robotouille_evaluation.cli.planning import comma_separated, require_agents
     from robotouille_evaluation.cli.playing import play
     from robotouille_evaluation.packs.store import read_pack
     from robotouille_evaluation.runs import RunFolder
@@ -80,6 +81,7 @@ def resume(
     plan = folder.plan()
     models = {job.agent.name: job.agent for job in plan.jobs if job.agent.kind == "model"}
     require_base_url(map(ModelChoice.of_agent, models.values()), options.base_url)
+    require_agents((job.agent for job in plan.jobs), comma_separated(options.agents))
     pack = read_pack(Path(plan.pack_folder), digest=plan.pack.digest)
     jobs = [_with_patience(job, options.timeout, options.attempts) for job in plan.jobs]
     play(folder, pack, jobs, _workers(options))

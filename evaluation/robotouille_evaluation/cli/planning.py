@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
@@ -35,6 +35,8 @@ COMPUTED = {
     "scripted": "carries out the best plan of the pack",
 }
 """Agents without a model, which are the default, and what each does."""
+MAX_NAMED = 20
+"""Most agents that an error names."""
 HUMAN = "human"
 """Agent of published experiments that a person plays."""
 
@@ -351,6 +353,24 @@ def agent_spec(name: str, pack: Pack, model: ModelChoice) -> AgentSpec:
         timeout=model.timeout,
         attempts=model.attempts,
     )
+
+
+def require_agents(agents: Iterable[AgentSpec], confirmed: Collection[str]) -> None:
+    """Require that the user confirms the agents MODULE:NAME that a run's file names.
+
+    Runs can come from other people, and their file could name any module, also one in its folder.
+
+    Raises:
+        RobotouilleError: The code of an agent is neither confirmed nor from an installed agent.
+    """
+    names = (spec.name if spec.kind == "custom" else spec.strategy for spec in agents)
+    known = {*confirmed, *installed_agents().values()}
+    wanted = [name for name in dict.fromkeys(filter(is_custom, names)) if name not in known]
+    if wanted:
+        raise RobotouilleError(
+            f"the run would run the code of {', '.join(wanted[:MAX_NAMED])}; if you trust it, add "
+            f"--agents {','.join(wanted[:MAX_NAMED])}"
+        )
 
 
 def _check_strategy(name: str, pack: Pack) -> None:

@@ -44,6 +44,12 @@ class ResumeOptions(WorkerOptions):
         str,
         typer.Option(help="Endpoint of the run, repeated to confirm that it may receive a key."),
     ] = ""
+    agents: Annotated[
+        str,
+        typer.Option(
+            help="Agents MODULE:NAME of the run, repeated to confirm that their code may run."
+        ),
+    ] = ""
 
 
 @dataclass(frozen=True, kw_only=True)

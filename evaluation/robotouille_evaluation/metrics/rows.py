@@ -14,11 +14,16 @@ from typing import Annotated, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from robotouille.domain.files import read_bytes
 from robotouille.errors import Fault, FileError
 
 MAX_NUMBER = 2**53
 """Largest integer that all JSON parsers keep exactly."""
 Number = Annotated[int, Field(ge=0, le=MAX_NUMBER)]
+Measure = Annotated[float, Field(ge=-MAX_NUMBER, le=MAX_NUMBER)]
+"""Measured number. Sums and means of larger ones could overflow."""
+MAX_ROWS_BYTES, MAX_ROW_BYTES = 1 << 29, 1 << 20
+"""Bytes of a file of rows, and of one row."""
 
 
 class RowModel(BaseModel):
@@ -56,11 +61,11 @@ class RealTimeRow(RowModel):
     A cost is written as `tokens:20` or `declared:1500`.
     """
 
-    step_rate: float = Field(gt=0)
+    step_rate: float = Field(gt=0, le=MAX_NUMBER)
     charge: str
     late: str
     helper: str = "none"
-    digest_tokens: int = Field(default=0, ge=0)
+    digest_tokens: Number = 0
     max_age: Number | None = None
 
     def __str__(self) -> str:
@@ -110,7 +115,7 @@ class TotalUsage(RowModel):
 
     prompt_tokens: Number = 0
     completion_tokens: Number = 0
-    cost: float | None = Field(default=None, ge=0)
+    cost: float | None = Field(default=None, ge=0, le=MAX_NUMBER)
 
 
 class Category(StrEnum):
@@ -139,22 +144,22 @@ class EpisodeMeasures(RowModel):
     names define the metrics; see docs/metrics.md.
     """
 
-    to_go_least: float | None = None
-    to_go_most: float | None = None
+    to_go_least: Measure | None = None
+    to_go_most: Measure | None = None
     out_of_reach: bool = False
     asynchronous_first: bool | None = None
     stumbles: Number = 0
     recovered: Number = 0
     repeated_mistakes: Number = 0
-    waiting_share: float | None = None
-    idle_share: float | None = None
-    contributions: dict[str, float] = {}
+    waiting_share: Measure | None = None
+    idle_share: Measure | None = None
+    contributions: dict[str, Measure] = {}
     blocked: Number = 0
-    overlap: float | None = None
-    staleness: float | None = None
-    late_answers: int = Field(default=0, ge=0)
-    held_share: float | None = None
-    lost_to_thinking: int | None = None
+    overlap: Measure | None = None
+    staleness: Measure | None = None
+    late_answers: Number = 0
+    held_share: Measure | None = None
+    lost_to_thinking: int | None = Field(default=None, ge=-MAX_NUMBER, le=MAX_NUMBER)
     failure: FailureRow | None = None
 
 
@@ -221,7 +226,7 @@ class ResultRow(RowModel):
     score: ScoreRow | None = None
     counts: Counts = Counts()
     usage: TotalUsage = TotalUsage()
-    seconds: float = Field(default=0.0, ge=0)
+    seconds: float = Field(default=0.0, ge=0, le=MAX_NUMBER)
     repetitions: Number = 0
     recording: str | None = None
     error: str | None = None
@@ -278,7 +283,7 @@ def read_rows(path: Path) -> list[ResultRow]:
         FileError: The file cannot be read, or a line is invalid.
     """
     try:
-        lines = path.read_bytes().splitlines(keepends=True)
+        lines = read_bytes(path, MAX_ROWS_BYTES).splitlines(keepends=True)
     except OSError as error:
         fault = Fault("", f"cannot be read: {error.strerror or error}")
         raise FileError(str(path), [fault]) from None
@@ -286,6 +291,9 @@ def read_rows(path: Path) -> list[ResultRow]:
     for number, line in enumerate(lines, start=1):
         if not line.strip():
             continue
+        if len(line) > MAX_ROW_BYTES:
+            fault = Fault(f"line {number}", f"is longer than {MAX_ROW_BYTES:,} bytes")
+            raise FileError(str(path), [fault])
         try:
             row = ResultRow.model_validate_json(line)
         except ValidationError as error:

@@ -6,7 +6,6 @@ They are seeded, so equal rows give equal numbers.
 from __future__ import annotations
 
 import csv
-import json
 from collections import Counter
 from collections.abc import Sequence
 from math import comb
@@ -15,7 +14,8 @@ from pathlib import Path
 import numpy as np
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
-from robotouille.domain.files import read_text
+from robotouille.domain.fast_failing import fast_failing
+from robotouille.domain.files import parse_json, read_text
 from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille.html_report.intervals import Interval
 from robotouille_evaluation.metrics.rows import Category, ResultRow
@@ -154,7 +154,7 @@ class Label(BaseModel):
     run: str = ""
 
 
-_labels = TypeAdapter(tuple[Label, ...])
+_labels = fast_failing(TypeAdapter(tuple[Label, ...]).core_schema)
 
 
 def read_labels(path: Path) -> tuple[Label, ...]:
@@ -165,10 +165,10 @@ def read_labels(path: Path) -> tuple[Label, ...]:
     """
     try:
         text = read_text(path)
-        rows = (
-            list(csv.DictReader(text.splitlines())) if path.suffix == ".csv" else json.loads(text)
-        )
-        return _labels.validate_python(rows)
+        is_csv = path.suffix == ".csv"
+        rows = list(csv.DictReader(text.splitlines())) if is_csv else parse_json(text, str(path))
+        found: tuple[Label, ...] = _labels.validate_python(rows)
+        return found
     except OSError as error:
         fault = Fault("", f"cannot be read: {error.strerror or error}")
     except ValidationError as error:

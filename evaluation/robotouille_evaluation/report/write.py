@@ -15,7 +15,7 @@ from robotouille.certification.step_limit import plan_beside
 from robotouille.errors import MissingExtraError, RobotouilleError
 from robotouille.html_report import require_libraries
 from robotouille.html_report.figures import ReportFigure
-from robotouille_evaluation.metrics.rows import Category, Number, ResultRow
+from robotouille_evaluation.metrics.rows import Category, Measure, Number, ResultRow
 from robotouille_evaluation.packs.pack import FigureData
 from robotouille_evaluation.report.dependency_graph import dependency_graph, draw_graph
 from robotouille_evaluation.report.figures import all_figures
@@ -124,7 +124,7 @@ def write_parquet(rows: Sequence[ResultRow], path: Path) -> None:
         str: pa.string(),
         Category: pa.string(),
         tuple[Number, ...]: pa.list_(pa.int64()),
-        dict[str, float]: pa.map_(pa.string(), pa.float64()),
+        dict[str, Measure]: pa.map_(pa.string(), pa.float64()),
     }
     schema = pa.schema([(name, types[kind]) for name, kind in _columns(ResultRow)])
     table = pa.Table.from_pylist([dict(_cells(row)) for row in rows], schema=schema)

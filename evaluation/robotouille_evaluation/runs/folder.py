@@ -17,13 +17,14 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from robotouille.domain.files import whole_file
+from robotouille.domain.files import parse_json, read_text, validate, whole_file
 from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille_evaluation.metrics.rows import PackId, ResultRow, read_rows
 from robotouille_evaluation.runs.job_list import EpisodeJob
 from robotouille_evaluation.runs.journal import append_line
 
 FORMAT = "robotouille-run/1"
+MAX_PLAN_BYTES = 64 << 20
 
 
 class RunPlan(BaseModel):
@@ -85,16 +86,12 @@ class RunFolder:
         """Return the plan, with an absolute path of the pack."""
         name = str(self._plan_file)
         try:
-            text = self._plan_file.read_text(encoding="utf-8")
-            plan = RunPlan.model_validate_json(text)
+            text = read_text(self._plan_file, most=MAX_PLAN_BYTES)
         except FileNotFoundError:
             raise FileError(name, [Fault("", "this folder has no run")]) from None
         except (OSError, UnicodeDecodeError) as error:
             raise FileError(name, [Fault("", f"cannot be read: {error}")]) from None
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            place = ".".join(map(str, first["loc"]))
-            raise FileError(name, [Fault(place, first["msg"])]) from None
+        plan = validate(parse_json(text, name), RunPlan, name)
         if plan.format != FORMAT:
             raise FileError(name, [Fault("format", f"expected {FORMAT!r}, found {plan.format!r}")])
         where = str(self.path.resolve() / plan.pack_folder)

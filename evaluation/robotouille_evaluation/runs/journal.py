@@ -19,6 +19,7 @@ from types import TracebackType
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
+from robotouille.domain.files import read_bytes
 from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille_evaluation.agents.proposal import Complete, ContextOverflow
 from robotouille_evaluation.models import (
@@ -58,6 +59,8 @@ def append_line(file: FileIO, line: bytes) -> None:
 
 
 OVERFLOW = "overflow"
+MAX_BYTES = 1 << 29
+"""Bytes of a file."""
 MAX_TOKENS = 10**12
 """Most tokens of one call. Larger numbers show that the file is damaged."""
 
@@ -159,7 +162,7 @@ class CallJournal:
 
     def _read(self) -> list[_Call]:
         try:
-            content = self._path.read_bytes()
+            content = read_bytes(self._path, MAX_BYTES)
         except FileNotFoundError:
             return []
         except OSError as error:

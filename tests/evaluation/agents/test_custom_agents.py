@@ -97,7 +97,11 @@ def test_documented_agents_are_evaluated(module: str, tmp_path: Path) -> None:
     assert (numbered.agent, walker.agent) == (f"{module}:Numbered (mock)", f"{module}:Walker")
     assert numbered.usage.prompt_tokens > 0 == walker.usage.prompt_tokens
     assert numbered.error is walker.error is None
-    assert called("resume", run).exit_code == 0
+    # The file of a run, which may come from another person, must not decide which code is run.
+    refused = called("resume", run, "--agents", f"{module}:Walker")
+    assert refused.exit_code == 1
+    assert f"add --agents {module}:Numbered" in refused.output
+    assert called("resume", run, "--agents", agents).exit_code == 0
 
 
 def test_all_requests_are_recorded(module: str) -> None:
