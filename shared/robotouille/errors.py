@@ -34,6 +34,8 @@ MAX_FAULTS = 1_000
 """Most faults that one check reports."""
 MAX_COMPARED = 50_000
 """Most names that one check compares for its suggestions: a second or two."""
+MAX_COMPARISONS = 50_000_000
+"""Most pairs of characters that are compared for one suggestion: a second or two."""
 MISSPELT, SIMILAR = 0.85, 0.6
 """Least similarity of a misspelt name and of a suggested one, from 0 to 1."""
 MIN_BEGINNING = 3
@@ -73,6 +75,10 @@ def suggestion(names: Sequence[str]) -> str:
 def most_similar(name: object, valid: Iterable[str], most: int = 1) -> list[str]:
     """Return the names that `did_you_mean` suggests."""
     names = {known.casefold(): str(known) for known in valid}
+    # Names in files from strangers can be long, and comparing two takes the product of their
+    # lengths.
+    if len(str(name)) * sum(map(len, names)) > MAX_COMPARISONS:
+        return []
     left = _left_to_compare.get()
     if left is not None:
         if len(names) > left:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from robotouille import FileError, World, WrongArgumentError
+from robotouille.errors import MAX_FAULTS
 from robotouille.planning import Limits, Proof, Search, SearchResult, replay, solve
 from robotouille.planning.plan import read_plan
 from tests.support.samples import quick_sample
@@ -69,3 +70,11 @@ def test_plan_from_a_later_state() -> None:
 def test_unknown_search_is_rejected() -> None:
     with pytest.raises(WrongArgumentError, match="'optimal', 'anytime', 'beam', found 'fast'"):
         solve(ONE, search="fast")
+
+
+def test_reading_stops_after_many_faults() -> None:
+    """Each fault is compared with all names, so a file of a million would take an hour."""
+    with pytest.raises(FileError) as refused:
+        read_plan("mvoe(robot1)\n" * (MAX_FAULTS + 50), WORLD)
+    assert len(refused.value.faults) == MAX_FAULTS + 1
+    assert str(refused.value.faults[-1]) == "more than 1,000 faults"

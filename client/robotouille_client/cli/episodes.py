@@ -7,6 +7,7 @@ import csv
 import os
 import re
 import sys
+from collections import Counter
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AsyncExitStack, contextmanager
 from datetime import UTC, datetime, timedelta
@@ -123,7 +124,7 @@ def _check_columns(path: Path, names: Sequence[str]) -> None:
         if name not in COLUMNS and not (dot and of and group in GROUPS):
             known = ", ".join((*COLUMNS, *(f"{group}.NAME" for group in GROUPS)))
             raise TableError(f"{path}: unknown column {name!r}; expected {known}")
-    if twice := next((name for name in names if names.count(name) > 1), None):
+    if twice := next((name for name, count in Counter(names).items() if count > 1), None):
         raise TableError(f"{path}: duplicate column {twice!r}")
 
 

@@ -21,18 +21,22 @@ from robotouille_evaluation.packs.pack import Pack, PackInstance, PackTask
 
 NEAR = 0.6
 """Least similarity of paired names; 1 means equal."""
+MAX_PAIRS, MAX_NAME, MAX_ROUNDS = 10_000, 100, 100
+"""Pairs of names that are compared, characters of a name, and rounds of a comparison of goals.
+Packs may come from anyone."""
 
 
 def match_tasks(a: Pack, b: Pack) -> list[tuple[PackTask | None, PackTask | None]]:
     """Return each task of `a` with its counterpart in `b`, then the other tasks of `b`.
 
-    Tasks are paired within a dataset, the most similar names first.
+    Tasks are paired within a dataset, the most similar names first. In packs of very many tasks,
+    only equal names are paired.
     """
     pairs: dict[str, PackTask] = {}
     taken: set[str] = set()
     # Greedy: the most similar names are paired first.
     rows = sorted(
-        ((_similarity(one, two), one, two) for one, two in product(a.tasks, b.tasks)),
+        ((_similarity(one, two), one, two) for one, two in _candidates(a, b)),
         key=lambda row: -row[0],
     )
     for similarity, one, two in rows:
@@ -45,10 +49,21 @@ def match_tasks(a: Pack, b: Pack) -> list[tuple[PackTask | None, PackTask | None
     return both + [(None, task) for task in b.tasks if task.name not in taken]
 
 
+def _candidates(a: Pack, b: Pack) -> Iterator[tuple[PackTask, PackTask]]:
+    """Yield the pairs of tasks whose names are compared."""
+    alike = {(task.dataset, task.name): task for task in b.tasks}
+    if len(a.tasks) * len(b.tasks) > MAX_PAIRS:
+        found = ((task, alike.get((task.dataset, task.name))) for task in a.tasks)
+        yield from ((one, two) for one, two in found if two is not None)
+        return
+    yield from ((one, two) for one, two in product(a.tasks, b.tasks) if one.dataset == two.dataset)
+
+
 def _similarity(a: PackTask, b: PackTask) -> float:
-    if a.dataset != b.dataset:
-        return 0.0
-    return SequenceMatcher(None, _dish(a.name), _dish(b.name), autojunk=False).ratio()
+    one, two = _dish(a.name), _dish(b.name)
+    if one == two:
+        return 1.0
+    return SequenceMatcher(None, one[:MAX_NAME], two[:MAX_NAME], autojunk=False).ratio()
 
 
 def _dish(name: str) -> str:
@@ -93,21 +108,32 @@ def same_goal(a: Sequence[GoalTerm], b: Sequence[GoalTerm]) -> bool:
     return _shape(a) == _shape(b)
 
 
+_Term = tuple[str, tuple[Any, ...]]
+"""Predicate of a condition, and its ids."""
+
+
 def _shape(goal: Sequence[GoalTerm]) -> Counter[Any]:
     colours: dict[Any, Any] = dict(_kinds(goal))
     terms = {(term.predicate, term.ids) for term in goal}
-    for _ in colours:
+    own: dict[Any, list[_Term]] = {id_: [] for id_ in colours}
+    for predicate, ids in terms:
+        for id_ in dict.fromkeys(ids):
+            own[id_].append((predicate, ids))
+    known = 0
+    for _ in range(MAX_ROUNDS):
+        # Further rounds distinguish nothing if this one would not.
+        if known == (found := len(set(colours.values()))):
+            break
+        known = found
         colours = {
-            id_: hash((colour, _around(id_, terms, colours))) for id_, colour in colours.items()
+            id_: hash((colour, _around(id_, own[id_], colours))) for id_, colour in colours.items()
         }
     return Counter((predicate, tuple(colours[i] for i in ids)) for predicate, ids in terms)
 
 
-def _around(id_: Any, terms: set[tuple[str, tuple[Any, ...]]], colours: dict[Any, Any]) -> Any:
+def _around(id_: Any, own: Iterable[_Term], colours: dict[Any, Any]) -> Any:
     around = Counter(
-        (predicate, ids.index(id_), tuple(colours[i] for i in ids))
-        for predicate, ids in terms
-        if id_ in ids
+        (predicate, ids.index(id_), tuple(colours[i] for i in ids)) for predicate, ids in own
     )
     return frozenset(around.items())
 

@@ -19,6 +19,7 @@ from typing import Any, NoReturn
 
 from pydantic import TypeAdapter, ValidationError
 
+from robotouille.domain.fast_failing import fast_failing
 from robotouille.domain.files import is_file, parse_json
 from robotouille.errors import Fault, FileError, did_you_mean
 from robotouille_evaluation.packs.experiment_settings import setting_faults
@@ -31,7 +32,7 @@ OPTIONAL = "figures"
 WITH_PROBLEMS = ("tasks", "instances")
 MAX_PACK_FILE_BYTES = 64 * 1024 * 1024
 
-_PACKS = TypeAdapter(Pack)
+_packs = fast_failing(TypeAdapter(Pack).core_schema)
 
 
 def default_folder(name: str) -> Path:
@@ -81,7 +82,7 @@ def read_pack(folder: Path, *, digest: str | None = None) -> Pack:
     texts = _checked(folder, manifest["files"])
     try:
         values = {name: parse_json(text, str(folder / name)) for name, text in texts.items()}
-        pack = _PACKS.validate_python(_raw(manifest, values))
+        pack: Pack = _packs.validate_python(_raw(manifest, values))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         _fail(folder, f"invalid pack: {'.'.join(map(str, first['loc']))}: {first['msg']}")

@@ -49,7 +49,7 @@ from robotouille.certification.dataset import (
     report_of,
 )
 from robotouille.certification.step_limit import plan_beside
-from robotouille.domain.files import parse_json, validate
+from robotouille.domain.files import parse_json, read_text, validate
 from robotouille.domain.task import Task
 from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille.planning.plan import Limits, Watch
@@ -58,6 +58,8 @@ from robotouille.world.world import World
 
 BUDGET = ExpansionBudget(expansions=2_000_000, states=6_000_000)
 """Default budget of one instance. The number of states limits a process's memory."""
+
+MAX_MANIFEST_BYTES = 64 << 20
 
 Outcomes = Generator[CertifyingOutcome, None, None]
 
@@ -297,7 +299,7 @@ def _stray_faults(dataset: Dataset) -> list[str]:
 def _manifest_faults(dataset: Dataset, valid: dict[DatasetEntry, Certificate]) -> list[str]:
     path = dataset.folder / MANIFEST
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path, most=MAX_MANIFEST_BYTES)
         manifest = validate(parse_json(text, str(path)), Manifest, str(path))
     except (OSError, UnicodeDecodeError) as error:
         return [f"{path}: cannot be read: {error}"]

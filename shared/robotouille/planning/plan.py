@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
-from robotouille.errors import Fault, FileError
+from robotouille.errors import MAX_FAULTS, Fault, FileError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 
@@ -80,6 +80,10 @@ def read_plan(text: str, world: World, source: str = "plan") -> Plan:
                 steps.append(_read_step(stripped, world))
         except ValueError as error:
             faults.append(Fault(f"line {number}", str(error)))
+        # Each fault is compared with all names. A file of a million faults would take an hour.
+        if len(faults) > MAX_FAULTS:
+            faults[-1] = Fault("", f"more than {MAX_FAULTS:,} faults")
+            break
     if faults:
         raise FileError(source, faults)
     return Plan(tuple(steps))

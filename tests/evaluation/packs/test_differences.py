@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from robotouille.domain.schema import GoalTerm, ProblemFile
+from robotouille_evaluation.packs import differences
 from robotouille_evaluation.packs.differences import (
     Difference,
     compare_packs,
@@ -146,3 +147,22 @@ def test_published_tasks_have_counterparts() -> None:
             first = 0 if dataset == "multi_agent" else 1
             assert ours is not None
             assert ours.name.startswith(f"{dataset}/{int(number) + first:02}_")
+
+
+def test_very_many_tasks_are_paired_by_name_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    own = build_own_pack()
+    other = replace(own.tasks[0], name=f"{own.tasks[0].name}_2")
+    changed = replace(own, tasks=(other, *own.tasks[1:]))
+    assert match_tasks(own, changed)[0] == (own.tasks[0], other)
+    monkeypatch.setattr(differences, "MAX_PAIRS", 10)
+    pairs = match_tasks(own, changed)
+    assert pairs[0] == (own.tasks[0], None)
+    assert pairs[1] == (own.tasks[1], own.tasks[1])
+    assert pairs[-1] == (None, other)
+
+
+def test_goals_of_long_chains_are_compared() -> None:
+    """Each of the thousand objects was compared with all conditions in a thousand rounds."""
+    chain = goal(*(("atop", "bread bread", [i, i + 1]) for i in range(300)))
+    assert same_goal(chain, tuple(reversed(chain)))
+    assert not same_goal(chain, goal(*(("atop", "bread bread", [i, i]) for i in range(300))))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from functools import cache
 from typing import Any
@@ -29,7 +30,10 @@ __all__ = [
 ]
 
 MESSAGE_KINDS = ("client-json", "client-msgpack", "server-json", "server-msgpack")
-FILE_KINDS = ("domain", "problem", "input", "rendering", "plan", "certificate")
+FILE_KINDS = (
+    "domain", "problem", "input", "rendering", "plan", "certificate", "rows", "run", "labels",
+    "codebook", "annotations", "export",
+)  # fmt: skip
 
 MORE: tuple[dict[str, Any], ...] = (
     {"type": "hello", "protocol": 1, "name": "eve", "kind": "human", "ref": 1},
@@ -94,8 +98,55 @@ FOLDERS = {
 }
 
 
+PACK = {"name": "p", "version": "1", "digest": "0" * 64}
+ROW = {
+    "run": "r", "job": "j", "pack": PACK, "dataset": "synchronous", "task": "synchronous/01",
+    "instance": "synchronous/01", "agent": "react (m)", "seats": 2, "recording": "recordings/j.rbt",
+    "real_time": {"step_rate": 5.0, "charge": "tokens:20", "late": "apply"},
+    "budget": {"rule": "own", "steps": 30}, "optimum": {"steps": 20, "bound": 20, "proven": True},
+    "outcome": {"success": True, "steps": 25, "ended_by": "goal"},
+    "counts": {"invalid": 1, "calls": 9}, "usage": {"prompt_tokens": 900, "cost": 0.1},
+    "seconds": 3.5, "repetitions": 2,
+    "measures": {
+        "to_go_least": 0.5, "to_go_most": 0.5, "waiting_share": 0.1, "staleness": 1.5,
+        "late_answers": 1, "contributions": {"robot1": 0.4, "robot2": 0.6},
+        "failure": {"category": "goal", "subcategory": "none", "steps": [3, 4]},
+    },
+}  # fmt: skip
+JOB = {
+    "agent": {"name": "planner", "kind": "planner"}, "instance": "synchronous/01", "seats": 1,
+    "seed": 0, "budget": "own",
+}  # fmt: skip
+ANNOTATIONS = {
+    "format": 1, "coder": "meg", "recording": "r", "task": "soup", "steps": 9,
+    "labels": ["help", "wait"], "annotations": [{"label": "help", "first": 2, "last": 4}],
+}  # fmt: skip
+EXPORT = {
+    "about": {"title": "T", "description": "D", "license": "CC-BY-4.0", "contact": "C"},
+    "formats": ["csv"], "episodes": 1, "seats": 2, "steps": 9, "tasks": {"soup": 1},
+    "data": [{"part": "", "format": "csv", "entry": "steps", "path": "steps.csv", "rows": 9}],
+    "labels": {"condition": 2}, "split": {}, "recorded_by": {"1.0": 1}, "labels_asked": {},
+    "consent": {}, "query": "", "software": "1.0", "catalogue": "2", "left_out": {}, "faults": {},
+    "names": True, "texts": True,
+}  # fmt: skip
+VALUES: dict[str, Any] = {
+    "rows": ROW,
+    "run": {
+        "format": "robotouille-run/1", "name": "r", "pack": PACK, "pack_folder": "pack",
+        "jobs": [JOB, {**JOB, "seed": 1}], "software": "1.0",
+    },
+    "labels": [{"recording": "recordings/j.rbt", "category": "goal", "note": "n"}],
+    "codebook": {"labels": [{"id": "help", "title": "Helps", "key": "h"}]},
+    "annotations": ANNOTATIONS,
+    "export": EXPORT,
+}  # fmt: skip
+"""Files that only commands write, as JSON values."""
+
+
 @cache
 def files(kind: str) -> tuple[bytes, ...]:
-    """Return shipped files of a kind: domain, input, problem, rendering, plan or certificate."""
+    """Return valid files of a kind, shipped or as a command writes them."""
+    if kind in VALUES:
+        return (json.dumps(VALUES[kind]).encode(),)
     folder, names = FOLDERS[kind]
     return tuple((data_folder(folder) / name).read_bytes() for name in names)

@@ -22,10 +22,17 @@ from robotouille.planning.plan import read_plan, replay
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MSGPACK, Codec
 from robotouille.protocol.states import StateReader
+from robotouille.replay.annotations import agreement, read_annotations, read_codebook
+from robotouille.replay.annotations import rows as agreement_rows
 from robotouille.replay.container import pack_frame
 from robotouille.replay.controllers import json_lines
 from robotouille.replay.recording import read_recording
 from robotouille.world.lint import lint_task
+from robotouille_data.exports.documents import rewrite_card
+from robotouille_evaluation.metrics.rows import read_rows
+from robotouille_evaluation.metrics.statistics import read_labels
+from robotouille_evaluation.report.tables import all_tables, csv_text
+from robotouille_evaluation.runs import RunFolder
 from tests.support.fuzzing.codes import documented_codes
 
 __all__ = ["Target", "file_targets", "message_targets"]
@@ -120,6 +127,12 @@ def file_targets(folder: Path) -> dict[str, Target]:
         "rendering": lambda data: _model(_file(folder, "any.rendering.json", data), RenderingFile),
         "plan": lambda data: _plan(data.decode(errors="replace")),
         "certificate": lambda data: _certificate(_file(folder, "any.certificate.json", data)),
+        "rows": lambda data: _read(_tables, _file(folder, "rows.jsonl", data)),
+        "run": lambda data: _read(_run, _file(folder, "run.json", data)),
+        "labels": lambda data: _read(read_labels, _file(folder, "labels.json", data)),
+        "codebook": lambda data: _read(read_codebook, _file(folder, "codes.json", data)),
+        "annotations": lambda data: _read(_agreement, _file(folder, "meg.json", data)),
+        "export": lambda data: _read(_card, _file(folder, "export.json", data)),
     }
 
 
@@ -135,6 +148,37 @@ def _refused(error: RobotouilleError) -> str:
     if isinstance(error, FileError):
         assert error.faults, "FileError without faults"
     return type(error).__name__
+
+
+def _read(use: Callable[[Path], object], path: Path) -> str:
+    try:
+        use(path)
+    except RobotouilleError as error:
+        return _refused(error)
+    return READ
+
+
+def _tables(path: Path) -> None:
+    """Make the tables of a report, with the rows twice, so that sums overflow."""
+    rows = read_rows(path)
+    for table in all_tables([*rows, *rows]):
+        csv_text(table).encode()
+
+
+def _run(path: Path) -> None:
+    for job in RunFolder(path.parent).plan().jobs:
+        assert job.id.isalnum()
+
+
+def _agreement(path: Path) -> None:
+    found = read_annotations(path)
+    other = found.model_copy(update={"coder": f"not {found.coder}"})
+    assert list(agreement_rows(agreement([found, other])))
+
+
+def _card(path: Path) -> None:
+    (path.parent / "codebook.json").write_text('{"entries": []}', encoding="utf-8")
+    rewrite_card(path.parent, {})
 
 
 def _recording(path: Path) -> str:

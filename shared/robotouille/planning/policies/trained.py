@@ -28,6 +28,7 @@ VERSION = 1
 """Version of the file format."""
 MAX_BYTES = 64 << 20
 """Largest size of a file's arrays, packed or not."""
+MAX_ARRAYS = 200
 MAX_NAME = 200
 PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Methods of compression that NumPy uses. Others can reserve gigabytes."""
@@ -122,6 +123,8 @@ def _check_archive(file: IO[bytes]) -> None:
         raise ValueError(f"it is larger than {MAX_BYTES >> 20} MiB")
     with zipfile.ZipFile(file) as archive:
         entries = archive.infolist()
+    if len(entries) > MAX_ARRAYS:
+        raise ValueError(f"it has more than {MAX_ARRAYS} arrays")
     if sum(entry.file_size for entry in entries) > MAX_BYTES:
         raise ValueError(f"its arrays are larger than {MAX_BYTES >> 20} MiB")
     if any(entry.compress_type not in PACKINGS or entry.flag_bits & 1 for entry in entries):
