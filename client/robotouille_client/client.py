@@ -267,7 +267,9 @@ class Client:
             raise AssertionError("joined without a game")
         return self.game
 
-    async def rematch(self, *, view: messages.View = "state", ready: bool = True) -> Game:
+    async def rematch(
+        self, *, view: messages.View = "state", ready: bool = True, agent: str = ""
+    ) -> Game:
         """Leave the ended game and join its rematch, which has the same task and rules.
 
         All participants who call this meet in one rematch. The first call opens it, and the
@@ -277,6 +279,7 @@ class Client:
         Args:
             view: As in `join`.
             ready: As in `join`.
+            agent: As in `join`.
 
         Raises:
             ProtocolError: `episode/none`: the client is in no game; `auth/role`: the client may
@@ -292,11 +295,12 @@ class Client:
             code = created.code
         await self.leave()
         try:
-            return await self.join(code, seats=before.own_seats, view=view, ready=ready)
+            seats = before.own_seats
+            return await self.join(code, seats=seats, view=view, ready=ready, agent=agent)
         except ProtocolError as error:
             if error.code != ErrorCode.SEAT_TAKEN:
                 raise
-            return await self.join(code, view=view, ready=ready)
+            return await self.join(code, view=view, ready=ready, agent=agent)
 
     async def rendering(self) -> messages.Rendering:
         """Return the rendering of the episode's task; it is empty for a shipped task.

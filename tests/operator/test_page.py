@@ -125,7 +125,7 @@ async def test_operator_watches_pauses_and_ends_an_episode(browser: Any, tmp_pat
             await page.wait_for_function(f"{COLOURS} > 50")
             shown = await page.evaluate(PICTURE)
             await page.wait_for_function(f"shown => {PICTURE} !== shown", arg=shown)
-            assert room.broadcaster.spectators == 0, "players would see that somebody watches"
+            assert room.broadcaster.spectators == 0, "players would see that an operator watches"
 
             await panel.get_by_role("button", name="Pause").click()
             await expect(panel.locator(".phase")).to_have_text("paused by the operator")

@@ -2,17 +2,42 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 
 import pytest
 
 from robotouille.protocol.messages import Create
 from robotouille.replay import read_recording
-from robotouille_client.bots.kinds import BotKind, BotSetup
+from robotouille_client.bots.kinds import BotKind, BotSetup, policy_maker
+from robotouille_client.bots.seat_policy import play
 from robotouille_client.bots.seat_session import SeatRequest, play_seat
 from robotouille_client.client import connect
 from tests.support.servers import serving
 from tests.support.virtual_time import virtual
+
+
+@virtual
+async def test_bot_plays_rematches_until_nobody_asks_for_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    async with serving(tmp_path / "recordings") as server:
+        room = server.lobby.create(Create(task="multi_agent/01@2", max_steps=3))
+        request = SeatRequest(server.url, ("robo",), episode=room.code, seat="robot1", stay=True)
+        playing = asyncio.create_task(play_seat(request, BotSetup(BotKind.RANDOM, seed=7)))
+        async with connect(server.url, name="ada", kind="human") as ada:
+            game = await ada.join(room.code, seat="robot2")
+            for number in range(3):
+                await play(game, policy_maker(BotKind.RANDOM))
+                game = await ada.rematch() if number < 2 else game
+            assert not playing.done()
+        assert (await playing)["reason"] == "step_limit"
+    recordings = [read_recording(path) for path in (tmp_path / "recordings").glob("*.rbt")]
+    assert len(recordings) == 3
+    for each in recordings:
+        assert each.participants == {"robot1": ("robo", "bot"), "robot2": ("ada", "human")}
+        assert [note["agent"] for note in each.notes() if note.get("agent")] == ["random seed=7"]
 
 
 @virtual

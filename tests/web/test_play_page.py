@@ -350,14 +350,14 @@ async def test_rematch_leads_both_to_the_next_game(browser: Any, tmp_path: Path)
             assert sorted(names(again)) == ["Ada", "Ben"]
 
 
-async def test_player_learns_that_bots_leave_after_a_game(browser: Any, tmp_path: Path) -> None:
+async def test_player_learns_which_bots_come_along(browser: Any, tmp_path: Path) -> None:
     async with serving(tmp_path) as server:
         room = opened_room(server, max_steps=3)
         async with connect(server.url, name="Robo", kind="bot") as client:
             await client.join(room.code)
             async with visiting(browser, link(server.port, room.code), "Ada") as page:
                 await get_ready(page)
-                await expect(page.locator("#cover")).to_contain_text("Most bots leave")
+                await expect(page.locator("#cover")).to_contain_text("with --stay come along")
 
 
 async def test_spectator_watches_and_a_full_kitchen_offers_to_watch(

@@ -68,6 +68,9 @@ class BotOptions(LlmBotOptions, ServerOptions):
             "games with people, else expert."
         ),
     ] = ""
+    stay: Annotated[
+        bool, typer.Option("--stay", help="Play rematches, too. Wait two minutes for each.")
+    ] = False
     seed: Annotated[int, typer.Option(help="Seed of random decisions.")] = 0
     json_output: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False
     version: VersionOption = False
@@ -163,6 +166,7 @@ def command(
             options.episode,
             options.seat,
             seats,
+            options.stay,
         )
         outcome: Any = asyncio.run(play_seat(request, bot))
     if options.json_output:

@@ -63,6 +63,7 @@ class SeatRequest:
         episode: Id or code; the first episode that waits for players if None.
         seat: The single seat to take; any free one if None.
         seats: Several seats for one language model; replaces `seat`.
+        stay: True to play the rematches, too, until nobody asks for one.
     """
 
     url: str
@@ -71,12 +72,13 @@ class SeatRequest:
     episode: str | None = None
     seat: str | None = None
     seats: Seats = ()
+    stay: bool = False
 
 
 async def play_seat(
     request: SeatRequest, bot: BotSetup | MakePolicy | TextBot
 ) -> Mapping[str, Any]:
-    """Join an episode, play it to its end and return the outcome.
+    """Join an episode, play it to its end and return the outcome; with `stay`, of the last game.
 
     Args:
         bot: A shipped bot, a function that makes the policy of a seat, or a language model.
@@ -119,14 +121,24 @@ async def _take_seat(request: SeatRequest, player: Player, joining: _Joining) ->
             game = await _join(client, code, request, joining, kept)
             if back := came_back(client, game, kept):
                 tell(printable(f"returned to {back}"), err=True)
-            own = ", ".join(game.own_seats)
-            tell(printable(f"{game.name or name} plays {own} in {game.code}"), err=True)
             outcome = await _play(client, game, player, kept)
             if kept is not None:
                 kept.forget()
+            while outcome and request.stay and await _has_rematch(client, game):
+                game = await client.rematch(view=joining.view, agent=joining.agent)
+                outcome = await _play(client, game, player, None)
             if not outcome:
                 raise RobotouilleError(game.farewell or "the connection was lost for good")
             return outcome
+
+
+async def _has_rematch(client: Client, game: Game) -> bool:
+    """Wait for a rematch of an ended game; return False once the server has closed its kitchen."""
+    while client.protocol.membership is not None and not client.farewell:
+        if game.rematch_code:
+            return True
+        await asyncio.sleep(REPORT_SECONDS)
+    return False
 
 
 async def _waiting_code(request: SeatRequest, kind: Kind) -> str:
@@ -188,6 +200,8 @@ def _with_advice(error: ProtocolError, seats: Seats) -> ProtocolError:
 async def _play(
     client: Client, game: Game, player: Player, kept: KeptSeat | None
 ) -> Mapping[str, Any]:
+    own = ", ".join(game.own_seats)
+    tell(printable(f"{game.name or client.name} plays {own} in {game.code}"), err=True)
     background = (keep_seat(client, game, kept), _report_connection(client), _report_free(game))
     tasks = [asyncio.create_task(each) for each in background]
     try:

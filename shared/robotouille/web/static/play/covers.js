@@ -94,7 +94,7 @@ export class Cover {
     if (others) made.append(element("p", { class: "faint" }, text("lobbyCode", { code: game.code })));
     const free = game.seats.some((seat) => !seat.name);
     if (free && this.answers.mayRepeat && LOCAL.has(location.hostname)) {
-      const command = `robotouille-bot planner --episode ${game.code} --url ${socketAddress(location.href)}`;
+      const command = `robotouille-bot planner --stay --episode ${game.code} --url ${socketAddress(location.href)}`;
       made.append(element("p", { class: "faint" }, text("lobbyBot"), " ", element("code", {}, command)));
     }
     const touch = matchMedia("(pointer: coarse)").matches;

@@ -98,7 +98,7 @@ export default {
   idle: "Diesmal hast du nur zugeschaut. Hilf mit, um Sterne zu bekommen!",
   ended: "Das Spiel ist zu Ende",
   next: "Weiter zu {site}",
-  botsLeave: "Die meisten Bots gehen nach einem Spiel. Das nächste wartet, bis alle Plätze besetzt sind.",
+  botsLeave: "Bots, die mit --stay gestartet wurden, kommen mit. Das nächste Spiel wartet, bis alle Plätze besetzt sind.",
   rematch: "Noch einmal",
   joinRematch: "Zum nächsten Spiel",
   elsewhere: "Du spielst in einem anderen Fenster",

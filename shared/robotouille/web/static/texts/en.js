@@ -99,7 +99,7 @@ export default {
   ended: "The game is over",
   next: "Continue to {site}",
   rematch: "Play again",
-  botsLeave: "Most bots leave after a game. The next one waits until all seats are taken.",
+  botsLeave: "Bots that were started with --stay come along. The next game waits until all seats are taken.",
   joinRematch: "Join the next game",
   elsewhere: "You are playing in another window",
   elsewhereDetail: "Only the newer window can play this seat.",
