@@ -30,8 +30,8 @@ class FirefoxPage:
         self._tab = ""
 
     async def begin(self) -> None:
-        """Open the session and find the tab."""
-        await self._ask("session.new", capabilities={})
+        """Open the session and find the tab. Certificates of unknown authorities are accepted."""
+        await self._ask("session.new", capabilities={"alwaysMatch": {"acceptInsecureCerts": True}})
         tree = await self._ask("browsingContext.getTree")
         self._tab = tree["contexts"][0]["context"]
 

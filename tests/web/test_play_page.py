@@ -13,6 +13,7 @@ import pytest
 
 from robotouille import GroundAction, State, World, load_task
 from robotouille.domain.rendering import language_of
+from robotouille.episode import Clock
 from robotouille.installation import data_folder
 from robotouille.planning.plan import read_plan
 from robotouille.protocol import messages
@@ -20,11 +21,15 @@ from robotouille.replay.recording import read_recording
 from robotouille.world.presentation.places import capitalised
 from robotouille.world.presentation.wording import Wording
 from robotouille_client import connect
+from robotouille_client.bots.kinds import BotKind, BotSetup
+from robotouille_client.bots.seat_session import SeatRequest, play_seat
 from robotouille_server import Server
 from robotouille_server.requests import Opening, open_episode
 from robotouille_server.rooms.room import Room
-from tests.support.firefox import FIREFOX, firefox_page
+from tests.operations.proxies import PROXIES, program
+from tests.support.firefox import FIREFOX, FirefoxPage, firefox_page
 from tests.support.servers import serving
+from tests.support.worker_processes import free_ports
 from tests.web.visits import (
     BROWSER_TEST,
     DESKTOP,
@@ -496,33 +501,85 @@ async def test_other_sites_get_nothing_from_a_frame(browser: Any, tmp_path: Path
             assert names(room) == ["x"]
 
 
+async def enter_in_firefox(firefox: FirefoxPage, url: str, name: str) -> None:
+    # Another fragment alone would load the page a second time, at an unknown moment.
+    await firefox.goto("about:blank")
+    await firefox.goto(url)
+    await firefox.wait_for("document.activeElement.id === 'name'")
+    await firefox.press(*name, ENTER)
+    await firefox.wait_for('document.activeElement.innerText === "I\'m ready"')
+    # The driver's keys do not activate buttons in Firefox.
+    await firefox.evaluate("document.activeElement.click()")
+
+
+@asynccontextmanager
+async def behind_caddy(folder: Path) -> AsyncIterator[tuple[Server, str]]:
+    """Run a server behind Caddy as the guide configures it; yield it with its HTTPS address."""
+    port = free_ports(1)
+    async with serving(folder / "recordings", trust_proxy="loopback") as server:
+        proxy = PROXIES["caddy"](folder, port, server.port, 1)
+        # Caddy's start waits for the answer of the server, which runs in this thread.
+        await asyncio.to_thread(proxy.__enter__)
+        try:
+            yield server, f"https://localhost:{port}/play#"
+        finally:
+            proxy.__exit__(None, None, None)
+
+
+def links_of(server: Server, **options: Any) -> tuple[Room, messages.Created]:
+    request = messages.Create(task=f"{TOGETHER}@2", tokens=True, **options)
+    return open_episode(server.services, Opening(request=request, owner="lab"))
+
+
 @pytest.mark.skipif(FIREFOX is None, reason="needs Firefox: apt install firefox-esr")
-async def test_chromium_and_firefox_finish_a_game_together(browser: Any, tmp_path: Path) -> None:
-    async with serving(tmp_path) as server, firefox_page() as firefox:
-        room = server.lobby.create(messages.Create(task=f"{TOGETHER}@2", clock="lockstep"))
-        await firefox.goto(link(server.port, room.code))
-        await firefox.wait_for("document.activeElement.id === 'name'")
-        await firefox.press(*"Ben", ENTER)
-        await firefox.wait_for('document.activeElement.innerText === "I\'m ready"')
-        # The driver's keys do not activate buttons in Firefox.
-        await firefox.evaluate("document.activeElement.click()")
-        async with visiting(browser, link(server.port, room.code), "Ada") as ada:
+@pytest.mark.skipif(not program("caddy"), reason="needs Caddy: apt install caddy")
+async def test_two_browsers_finish_games_from_two_links_alone(browser: Any, tmp_path: Path) -> None:
+    async with behind_caddy(tmp_path) as (server, site), firefox_page() as firefox:
+        _, created = links_of(server, clock=Clock.LOCKSTEP)
+        first, second = (f"{site}{link}" for link in created.links.values())
+        await enter_in_firefox(firefox, second, "Ben")
+        async with visiting(browser, first, "Ada", ignore_https_errors=True) as ada:
             await get_ready(ada)
-            ada_is = next(p for p, seat in room.episode.seats.items() if seat.name == "Ada")
             for step, words in enumerate(together(f"{TOGETHER}@2")):
                 await at_step(ada, step)
                 await firefox.wait_for(f"{TEXT_OF}('#progress').startsWith('{step} of')")
                 for player, said in words.items():
-                    if player == ada_is:
+                    if player == "robot1":
                         await by_buttons(ada, said)
                     else:
                         await firefox.wait_for(f"{BUTTON_WITH}({said!r})")
                         await firefox.evaluate(f"{BUTTON_WITH}({said!r}).click()")
             await expect(ada.locator("#cover")).to_contain_text("Goal reached")
-            await firefox.wait_for(
-                "document.querySelector('#cover').innerText.includes('Goal reached')"
-            )
-    recording = read_recording(next(tmp_path.glob("*.rbt")))
-    assert recording.outcome is not None
-    assert recording.outcome["reason"] == "goal"
-    assert recording.resimulate() == recording.stream
+            await firefox.wait_for(f"{TEXT_OF}('#cover').includes('Goal reached')")
+        await play_with_a_bot(browser, server, site, firefox)
+    recordings = [read_recording(path) for path in (tmp_path / "recordings").glob("*.rbt")]
+    kinds = sorted(sorted(each.participants.values()) for each in recordings)
+    assert kinds == [[("Ada", "human"), ("Ben", "human")], [("Ben", "human"), ("Robo", "bot")]]
+    for each in recordings:
+        assert each.outcome is not None
+        assert each.outcome["reason"] == "goal"
+        assert each.verify().ok
+
+
+async def play_with_a_bot(browser: Any, server: Server, site: str, firefox: FirefoxPage) -> None:
+    """Begin a game in Firefox, and end it in Chromium by the same link. The bot does the work."""
+    room, created = links_of(server, clock=Clock.LOCKSTEP)
+    url, token = f"{site}{created.links['robot1']}", created.tokens["robot2"]
+    request = SeatRequest(server.url, ("Robo",), token, created.code)
+    bot = asyncio.create_task(play_seat(request, BotSetup(BotKind.PLANNER, skill="expert")))
+    await enter_in_firefox(firefox, url, "Ben")
+    for step in range(3):
+        await firefox.wait_for(f"{TEXT_OF}('#progress').startsWith('{step} of')")
+        await firefox.wait_for(f"{BUTTON_WITH}('Wait')")
+        await firefox.evaluate(f"{BUTTON_WITH}('Wait').click()")
+    async with visiting(browser, url, "Ben", ignore_https_errors=True) as ben:
+        await firefox.wait_for(f"{TEXT_OF}('#cover').includes('another window')")
+        assert names(room) == ["Ben", "Robo"]
+        step = 3
+        await at_step(ben, step)
+        while not room.episode.ended:
+            await by_buttons(ben, "Wait")
+            step += 1
+            await expect(ben.locator("#progress")).to_contain_text(f"{step} of")
+        await expect(ben.locator("#cover")).to_contain_text("Goal reached")
+    assert (await bot)["reason"] == "goal"

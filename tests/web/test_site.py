@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import gzip
 import json
+import re
 from pathlib import Path
 
 import pytest
 
+import robotouille_server
 from robotouille.domain.task import read_domain
 from robotouille.installation import data_folder
 from robotouille.web import WebSite
 from robotouille.web.site import BUNDLE, STATIC, without_comments
+
+OPERATOR = Path(robotouille_server.__file__).parent / "operator/page"
+MOST_LINES = {"rules": 2266, "kitchen": 1709, "play": 2357, "replay": 1531, "texts": 334}
+"""Bounds of the page's parts. Lower them when a part shrinks (docs/decisions/0050)."""
+MOST_LINES_OF_OPERATOR = 1650
 
 
 @pytest.fixture(scope="module")
@@ -88,3 +95,20 @@ def test_page_fits_into_120_kib(site: WebSite) -> None:
     # Answers have heads of about 400 bytes.
     size = sum(len(file.packed) + 400 for file in files if file is not None)
     assert size < 120 * 1024
+
+
+def lines_of_code(path: Path) -> int:
+    """Return the lines of a script or style sheet without blank lines and comments."""
+    text = re.sub(r"(?s)/\*.*?\*/", "", path.read_text(encoding="utf-8"))
+    lines = map(str.strip, text.splitlines())
+    return sum(1 for line in lines if line and not line.startswith("//"))
+
+
+def test_page_grows_no_further() -> None:
+    found = dict.fromkeys(MOST_LINES, 0)
+    for path in (*STATIC.rglob("*.js"), *STATIC.rglob("*.css")):
+        part = path.relative_to(STATIC).parts[0]
+        found["play" if part == "page.css" else part] += lines_of_code(path)
+    assert {part: lines for part, lines in found.items() if lines > MOST_LINES[part]} == {}
+    page = (*OPERATOR.glob("*.js"), *OPERATOR.glob("*.css"))
+    assert sum(map(lines_of_code, page)) <= MOST_LINES_OF_OPERATOR

@@ -312,7 +312,8 @@ export class Kitchen {
       return animated.animation;
     }
     const animation = stepAnimation(this.look, state, before, key);
-    const [work, then] = [workInProgress(state), before ? workInProgress(before) : []];
+    const known = animated && animated.state === before ? animated.work : null;
+    const [work, then] = [workInProgress(state), known ?? (before ? workInProgress(before) : [])];
     const advances = JSON.stringify(before?.progress()) !== JSON.stringify(state.progress());
     this.animated = { key, state, before, animation, work, then, advances };
     return animation;

@@ -1,7 +1,6 @@
 // Speech bubbles over the cooks, and reasons why an action did not work.
 
-import { byId, element } from "./dom.js";
-import { now } from "./game.js";
+import { byId, element, now } from "./dom.js";
 import { pictureURL } from "../kitchen/pictures.js";
 
 /** @typedef {import("../kitchen/painter.js").Kitchen} Kitchen */
@@ -10,6 +9,30 @@ import { pictureURL } from "../kitchen/pictures.js";
 
 const SECONDS = 4;
 const MAX_LETTERS = 120;
+
+/**
+ * Return a bubble with words, and the picture of what they point at.
+ * @param {Kitchen} kitchen @param {Look} look
+ * @param {{words: string, rejected: boolean, target: string}} said
+ */
+export function bubble(kitchen, look, { words, rejected, target }) {
+  const cut = words.length > MAX_LETTERS ? `${words.slice(0, MAX_LETTERS)}…` : words;
+  const box = element("div", { class: rejected ? "bubble rejected" : "bubble" }, cut);
+  const appearance = target && kitchen.shown ? kitchen.appearanceOf(target) : null;
+  if (appearance) box.append(" ", element("img", { src: pictureURL(look, appearance), alt: "" }));
+  return box;
+}
+
+/**
+ * Place a bubble over a player, inside the kitchen.
+ * @param {HTMLElement} box @param {{x: number, y: number, tile: number}} spot
+ */
+export function placeOver(box, { x, y, tile }) {
+  const half = box.offsetWidth / 2 + 4;
+  const room = box.parentElement?.clientWidth ?? 0;
+  box.style.left = `${Math.min(Math.max(x, half), room - half)}px`;
+  box.style.top = `${Math.max(y - tile * 0.75, box.offsetHeight + 4)}px`;
+}
 
 export class Bubbles {
   /** @param {Kitchen} kitchen @param {Look} look @param {() => Wording} wording */
@@ -38,10 +61,7 @@ export class Bubbles {
    */
   show(player, words, { rejected = false, target = "" } = {}) {
     this.shown.get(player)?.box.remove();
-    const cut = words.length > MAX_LETTERS ? `${words.slice(0, MAX_LETTERS)}…` : words;
-    const box = element("div", { class: rejected ? "bubble rejected" : "bubble" }, cut);
-    const picture = target && this.pictureOf(target);
-    if (picture) box.append(" ", element("img", { src: picture, alt: "" }));
+    const box = bubble(this.kitchen, this.look, { words, rejected, target });
     this.root.append(box);
     this.shown.set(player, { box, until: now() + SECONDS, rejected, target });
   }
@@ -49,12 +69,6 @@ export class Bubbles {
   /** Show a chat message or signal. @param {import("./game.js").Line} line */
   say(line) {
     this.show(line.seat, line.text, { target: line.intent ? line.target : "" });
-  }
-
-  /** @param {string} name */
-  pictureOf(name) {
-    const appearance = this.kitchen.appearanceOf(name);
-    return appearance ? pictureURL(this.look, appearance) : "";
   }
 
   /** Move the bubbles with their players. @param {number} at */
@@ -66,11 +80,7 @@ export class Bubbles {
         this.shown.delete(player);
         continue;
       }
-      const half = box.offsetWidth / 2 + 4;
-      const x = Math.min(Math.max(spot.x, half), this.root.clientWidth - half);
-      const y = Math.max(spot.y - spot.tile * 0.75, box.offsetHeight + 4);
-      box.style.left = `${x}px`;
-      box.style.top = `${y}px`;
+      placeOver(box, spot);
     }
   }
 

@@ -1,8 +1,7 @@
 // What covers the kitchen: the waiting room, pauses, a lost connection, the end.
 
 import { socketAddress } from "./connection.js";
-import { byId, element, setText } from "./dom.js";
-import { now } from "./game.js";
+import { byId, element, now, setText } from "./dom.js";
 import { seatMark, seatWords } from "./panel.js";
 import { listed, text } from "./texts.js";
 

@@ -35,3 +35,6 @@ export const inputById = (id) => /** @type {HTMLInputElement} */ (byId(id));
 export function setText(target, text) {
   if (target.textContent !== text) target.textContent = text;
 }
+
+/** @returns {number} The time in seconds, on a clock that never goes back. */
+export const now = () => performance.now() / 1000;

@@ -1,5 +1,6 @@
 // A copy of one episode, kept up to date by the server's messages.
 
+import { now } from "./dom.js";
 import { readTask } from "../rules/task.js";
 import { State } from "../rules/state.js";
 
@@ -26,9 +27,6 @@ const RESYNC_EVERY = 20;
 // Messages leave out fields with their default values.
 const SEAT = { name: "", kind: "", present: false, controller: "", ready: true };
 const WHY = { kind: "other", predicate: "", objects: [], expected: true };
-
-/** @returns {number} The time in seconds, on a clock that never goes back. */
-export const now = () => performance.now() / 1000;
 
 /** One episode as this page knows it. */
 export class Game {

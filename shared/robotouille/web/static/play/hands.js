@@ -4,8 +4,7 @@ import { Controls } from "../rules/controls.js";
 import { ActionQueue } from "../rules/queue.js";
 import { scene } from "../rules/scene.js";
 import { capitalised } from "../rules/words.js";
-import { byId, element, inputById, setText } from "./dom.js";
-import { now } from "./game.js";
+import { byId, element, inputById, now, setText } from "./dom.js";
 import { text } from "./texts.js";
 
 /** @typedef {import("./game.js").Game} Game */

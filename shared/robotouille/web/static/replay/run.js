@@ -1,7 +1,7 @@
 // One recording in pictures: the kitchen, speech bubbles, and notices.
 
 import { Kitchen } from "../kitchen/painter.js";
-import { pictureURL } from "../kitchen/pictures.js";
+import { bubble, placeOver } from "../play/bubbles.js";
 import { element, setText } from "../play/dom.js";
 import { text } from "../play/texts.js";
 import { pauseWords } from "./words.js";
@@ -11,7 +11,6 @@ import { pauseWords } from "./words.js";
 
 // Seconds for which words stay over a player, and steps at least.
 const [BUBBLE_SECONDS, BUBBLE_STEPS] = [3, 3];
-const MAX_LETTERS = 120;
 const NOT_PRESENT = new Set(["", "absent", "substitute"]);
 
 export class Run {
@@ -107,11 +106,7 @@ export class Run {
     }
     for (const [player, { words, rejected, target }] of said) {
       if (this.bubbles.has(player)) continue;
-      const cut = words.length > MAX_LETTERS ? `${words.slice(0, MAX_LETTERS)}…` : words;
-      const box = element("div", { class: rejected ? "bubble rejected" : "bubble" }, cut);
-      const appearance = target && this.kitchen.shown ? this.kitchen.appearanceOf(target) : null;
-      const src = appearance && pictureURL(this.look, appearance);
-      if (src) box.append(" ", element("img", { src, alt: "" }));
+      const box = bubble(this.kitchen, this.look, { words, rejected, target });
       this.over.append(box);
       this.bubbles.set(player, { box, words });
     }
@@ -123,11 +118,7 @@ export class Run {
     for (const [player, { box }] of this.bubbles) {
       const spot = this.kitchen.spotOf(player);
       box.hidden = !spot;
-      if (!spot) continue;
-      const half = box.offsetWidth / 2 + 4;
-      const x = Math.max(half, Math.min(spot.x, this.over.clientWidth - half));
-      box.style.left = `${x}px`;
-      box.style.top = `${Math.max(spot.y - spot.tile * 0.75, box.offsetHeight + 4)}px`;
+      if (spot) placeOver(box, spot);
     }
   }
 }

@@ -87,6 +87,8 @@ export class State {
     this.timers = timers;
     this._facts = facts;
     this._busy = busy;
+    /** @type {ReturnType<typeof progressOf> | null} */
+    this._progress = null;
     /** @type {Map<string, Thing> | null} */
     this._objects = null;
     /** @type {Map<string, Atom[]> | null} */
@@ -232,7 +234,8 @@ export class State {
 
   /** Return the progress of all counting effects, in order of creation. */
   progress() {
-    return progressOf(this);
+    this._progress ??= progressOf(this);
+    return this._progress;
   }
 }
 
