@@ -17,7 +17,7 @@ from websockets.asyncio.client import ClientConnection, connect
 __all__ = ["FIREFOX", "FirefoxPage", "firefox_page"]
 
 FIREFOX = shutil.which("firefox-esr") or shutil.which("firefox")
-PATIENCE = 30.0
+PATIENCE = 60.0
 AGAIN = 0.05
 
 
