@@ -63,8 +63,12 @@ const FEET = 0.83;
 /** Seconds of a step if the episode's clock has none. */
 const STEP_SECONDS = 0.2;
 
-/** Reasons for the end of a game that count as success. */
-const WON = new Set(["goal", "shift_over"]);
+/**
+ * Return whether a game reached its goal, or was a shift with points.
+ * @param {{reason?: string, score?: {points: number}} | null | undefined} outcome
+ */
+export const won = (outcome) =>
+  outcome?.reason === "shift_over" ? (outcome.score?.points ?? 0) > 0 : outcome?.reason === "goal";
 
 /** @typedef {{player: string, name: string, present: boolean}} Seat */
 /** @typedef {ReturnType<typeof workInProgress>} Work */
@@ -77,7 +81,7 @@ const WON = new Set(["goal", "shift_over"]);
  */
 /**
  * @typedef {{step: number, before: State | null, stepSeconds?: number | null, receivedAt: number,
- *   outcome?: {reason?: string} | null}} Moment
+ *   outcome?: {reason?: string, score?: {points: number}} | null}} Moment
  */
 
 export class Kitchen {
@@ -148,7 +152,7 @@ export class Kitchen {
    */
   show(state, { step, before, stepSeconds, receivedAt, outcome }) {
     const seconds = stepSeconds && stepSeconds > 0 ? stepSeconds : STEP_SECONDS;
-    this.outcome = !outcome ? "" : WON.has(outcome.reason ?? "") ? "won" : "lost";
+    this.outcome = !outcome ? "" : won(outcome) ? "won" : "lost";
     if (this.shown?.state !== state || this.shown.step !== step) this.changes += 1;
     this.shown = { state, step, before, seconds, at: receivedAt };
   }

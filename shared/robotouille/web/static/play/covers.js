@@ -1,5 +1,6 @@
 // What covers the kitchen: the waiting room, pauses, a lost connection, the end.
 
+import { won } from "../kitchen/painter.js";
 import { socketAddress } from "./connection.js";
 import { byId, element, now, setText } from "./dom.js";
 import { seatMark, seatWords } from "./panel.js";
@@ -87,6 +88,8 @@ export class Cover {
       );
     });
     const made = slip(text("lobby"), element("p", {}, waiting(game)), element("ul", {}, ...rows));
+    const goal = game.task?.problem.goal_description;
+    if (goal) made.append(element("p", {}, String(goal)));
     const ready = game.seat?.ready ?? true;
     const share = button(text("copy"), () => this.answers.share());
     const others = game.seats.length > 1;
@@ -204,10 +207,6 @@ export function outcomeWords(outcome) {
   if (key === "shiftOver") return expired ? `${words}, ${text("expired", { expired })}` : words;
   return outcome?.detail ? `${words}: ${outcome.detail}` : words;
 }
-
-/** Return whether a game reached its goal, or was a shift with points. @param {Game["outcome"]} outcome */
-const won = (outcome) =>
-  outcome?.reason === "shift_over" ? outcome.score?.points > 0 : outcome?.reason === "goal";
 
 /** Return whether the player at this page did nothing. @param {Game} game */
 function onlyWatched({ me, outcome }) {

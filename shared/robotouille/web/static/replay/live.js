@@ -79,7 +79,7 @@ export class LiveKitchen {
       before: state?.step === step - 1 ? state : null,
       stepSeconds: rate ? 1 / rate : null,
       receivedAt: performance.now() / 1000,
-      outcome,
+      outcome: outcome && { ...outcome, score: { points: this.state.orders?.score ?? 0 } },
     });
   }
 
