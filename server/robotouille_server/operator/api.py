@@ -15,9 +15,8 @@ from starlette.exceptions import HTTPException
 from starlette.routing import Route
 
 from robotouille.replay.annotations import Codebook
-from robotouille.web.bundle import bundle
 from robotouille.web.single_file import filled
-from robotouille.web.site import STATIC, module_text, shared_site
+from robotouille.web.site import STATIC, bundled_module, shared_site
 from robotouille_server.operator.event_streams import EventStreams
 from robotouille_server.operator.forwarding import NodeRequest
 from robotouille_server.operator.guard import POLICY, SAFE
@@ -78,14 +77,12 @@ def _replay_routes() -> Iterator[Route]:
     for name in ("page.css", "replay/replay.css"):
         path = f"/replay/{name.rpartition('/')[2]}"
         yield _route(path, (STATIC / name).read_bytes(), TYPES[".css"])
-    modules = bundle("replay/main.js", module_text).encode()
-    yield _route("/replay/bundle.js", modules, TYPES[".js"])
+    yield _route("/replay/bundle.js", bundled_module("replay/main.js"), TYPES[".js"])
 
 
 def _live_routes() -> Iterator[Route]:
     """Yield routes for the picture of a running kitchen, and the looks of shipped ones."""
-    modules = bundle("replay/live.js", module_text).encode()
-    yield _route("/replay/live.js", modules, TYPES[".js"])
+    yield _route("/replay/live.js", bundled_module("replay/live.js"), TYPES[".js"])
     site = shared_site()
     for name in site.names:
         if name.endswith(".json") and (file := site.find(name)) is not None:

@@ -11,10 +11,10 @@ import gzip
 import hashlib
 import json
 import re
+from functools import cache
 from typing import Any
 
-from robotouille.web.bundle import bundle
-from robotouille.web.site import STATIC, module_text
+from robotouille.web.site import STATIC, bundled_module
 
 LINE = 4096
 """Characters in a line of base64. Editors become slow at lines of a megabyte."""
@@ -45,7 +45,7 @@ def single_file(entry: str, page: str, styles: list[str], data: Any) -> str:
             "form-action 'none'",
         )
     )
-    modules = packed(bundle(entry, module_text).encode())
+    modules = _packed_modules(entry)
     content = packed(encoded(data))
     return filled(
         page,
@@ -55,6 +55,11 @@ def single_file(entry: str, page: str, styles: list[str], data: Any) -> str:
         f'    <script type="application/octet-stream" id="data">{content}</script>\n'
         f"    <script>{boot}</script>",
     )
+
+
+@cache
+def _packed_modules(entry: str) -> str:
+    return packed(bundled_module(entry))
 
 
 def filled(page: str, **parts: str) -> str:

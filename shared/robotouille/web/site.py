@@ -151,6 +151,12 @@ def module_text(name: str, folder: Path = STATIC) -> str:
     return without_comments((folder / name).read_bytes()).decode()
 
 
+@cache
+def bundled_module(entry: str) -> bytes:
+    """Return a module with all modules that it imports as one; the first call takes 25 ms."""
+    return bundle(entry, module_text).encode()
+
+
 def _shipped_domains() -> Iterator[str]:
     """Yield the names of the shipped domains. Names with a dot are those of input files."""
     for path in sorted(data_folder("domains").glob("*.json")):
