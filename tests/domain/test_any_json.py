@@ -42,7 +42,7 @@ JSON = st.recursive(
     ),
     max_leaves=12,
 )
-often = thorough(300)
+often = thorough(100)
 
 
 def places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:

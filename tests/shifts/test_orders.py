@@ -17,21 +17,17 @@ from robotouille.planning import AnytimePlanner, solve
 from robotouille.protocol.states import StateReader, StateWriter
 from robotouille.world.shift import OpenOrder, Orders
 from robotouille.world.world import State, World
-from tests.support.shifts import BISTRO, act, bistro, example, file_of
-
-WORLD = World(example())
-TOAST = (
-    "Pick up plate1 at rack1 with robot1",
-    "Move robot1 from rack1 to hatch1",
-    "Put down plate1 at hatch1 with robot1",
-    "Move robot1 from hatch1 to crate1",
-    "Lift bread2 off bread1 at crate1 with robot1",
-    "Move robot1 from crate1 to hatch1",
+from tests.support.shifts import (
+    BISTRO,
+    TOAST_ACTIONS,
+    act,
+    bistro,
+    example,
+    file_of,
+    toast_almost,
 )
 
-
-def toast_almost(world: World) -> State:
-    return act(world.initial, "Move robot1 from sink1 to rack1", *TOAST)
+WORLD = World(example())
 
 
 def orders_of(state: State) -> Orders:
@@ -149,7 +145,7 @@ def test_soup_is_served_in_its_bowl_which_returns_empty(tmp_path: Path) -> None:
 
 def test_discarded_things_return_as_dirty_as_they_are(tmp_path: Path) -> None:
     world = bistro(tmp_path)
-    start = act(world.initial, "Move robot1 from sink1 to rack1", TOAST[0])
+    start = act(world.initial, "Move robot1 from sink1 to rack1", TOAST_ACTIONS[0])
     for state, clean in ((start, True), (start.without([("isclean", "plate1")]), False)):
         after = act(
             state,

@@ -14,7 +14,16 @@ from robotouille.domain.task import Task
 from robotouille.replay import Recording
 from robotouille.world.world import State, World
 
-__all__ = ["EXAMPLE", "act", "bistro", "example", "file_of", "recomputed"]
+__all__ = [
+    "EXAMPLE",
+    "TOAST_ACTIONS",
+    "act",
+    "bistro",
+    "example",
+    "file_of",
+    "recomputed",
+    "toast_almost",
+]
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "first_shift.json"
 
@@ -99,6 +108,21 @@ def act(state: State, *sentences: str | None) -> State:
         assert all(attempt.applied for attempt in result.attempts)
         state = result.state
     return state
+
+
+TOAST_ACTIONS = (
+    "Pick up plate1 at rack1 with robot1",
+    "Move robot1 from rack1 to hatch1",
+    "Put down plate1 at hatch1 with robot1",
+    "Move robot1 from hatch1 to crate1",
+    "Lift bread2 off bread1 at crate1 with robot1",
+    "Move robot1 from crate1 to hatch1",
+)
+
+
+def toast_almost(world: World) -> State:
+    """Return a state of the bistro in which one action is left to serve a toast."""
+    return act(world.initial, "Move robot1 from sink1 to rack1", *TOAST_ACTIONS)
 
 
 def recomputed(recording: Recording) -> tuple[int, int, int]:

@@ -7,9 +7,9 @@ from dataclasses import replace
 import pygame
 import pytest
 from tests.support.scripted import planned
+from tests.support.shifts import act, bistro, toast_almost
 
 from robotouille import State, World, load_task
-from robotouille.planning.policies.shift_policy import play_shift
 from robotouille_client.window.app.game_cards import end_card
 from robotouille_client.window.drawing.earnings import served_at
 from robotouille_client.window.drawing.gestures import CHEER_SECONDS
@@ -28,18 +28,11 @@ def course() -> list[State]:
 
 
 @pytest.fixture(scope="module")
-def served() -> tuple[State, State, State]:
+def served(tmp_path_factory: pytest.TempPathFactory) -> tuple[State, State, State]:
     """Return the states before, at, and after the first order that is served."""
-    states: list[State] = []
-
-    def watch(state: State) -> None:
-        states.append(state)
-        if len(states) > 1 and states[-2].orders and states[-2].orders.served:
-            raise StopIteration
-
-    with pytest.raises(StopIteration):
-        play_shift(World(load_task("shifts/01_sandwich_bar@1")), watch=watch)
-    return states[-3], states[-2], states[-1]
+    before = toast_almost(bistro(tmp_path_factory.mktemp("bistro")))
+    now = act(before, "Stack bread2 onto plate1 at hatch1 with robot1")
+    return before, now, act(now, None)
 
 
 def at(states: list[State], step: int, **fields: object) -> View:
