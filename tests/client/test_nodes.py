@@ -431,6 +431,7 @@ def test_no_chain_of_redirects_leaves_the_domain(hosts: list[str]) -> None:
 EVENTS = st.lists(st.sampled_from(["fail", "lose", "welcome", "move", "handover"]), max_size=40)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32), events=EVENTS)
 def test_no_order_of_failures_forgets_a_node_or_hurries_the_client(
     seed: int, events: list[str]

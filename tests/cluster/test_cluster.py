@@ -239,6 +239,7 @@ class TestLease:
             watched = sorted(watch.bucket for watch in nodes.nats.watches(nodes[0].bus))
             assert watched == sorted(Bucket)
 
+    @pytest.mark.slow
     @virtual
     async def test_claims_of_an_episode_whose_node_lives_leave_one_true_recording(
         self, tmp_path: Path
@@ -270,6 +271,7 @@ class TestLease:
         assert found.complete
         assert found.steps == 300
 
+    @pytest.mark.slow
     @virtual
     async def test_an_ended_journal_is_read_only_once_by_the_node_that_claims_it(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

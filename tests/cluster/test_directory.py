@@ -75,6 +75,7 @@ async def test_latest_claim_wins_in_any_order() -> None:
     assert nodes.stored == [record("a", claim=12)]
 
 
+@pytest.mark.slow
 def test_concurrent_replacements_leave_the_highest_claim() -> None:
     for seed in range(60):
         loop = SimulatedLoop()

@@ -30,6 +30,7 @@ from robotouille_server.transport import Peer
 from robotouille_server.transport.peer import MAX_UNSENT
 from tests.support.buses import SimulatedBus, SimulatedNats
 from tests.support.clusters import Node, Nodes, cluster_of
+from tests.support.samples import quick_sample
 from tests.support.servers import Raw, raw
 from tests.support.virtual_time import virtual
 
@@ -295,7 +296,7 @@ async def test_players_are_sent_to_the_owner(tmp_path: Path) -> None:
 
 
 @virtual
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", quick_sample(range(5)))
 async def test_lost_messages_lead_to_a_snapshot(
     tmp_path: Path, seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -325,6 +326,7 @@ async def test_lost_messages_lead_to_a_snapshot(
             assert sorted(int(line.split()[1]) for line in heard[one]) == [*range(20)]
 
 
+@pytest.mark.slow
 @virtual
 async def test_slow_spectator_gets_a_snapshot_and_costs_no_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -369,6 +371,7 @@ async def test_large_snapshots_are_published_in_pieces(
         assert eve.state.digest == game.games[0].state.digest
 
 
+@pytest.mark.slow
 @virtual
 async def test_many_spectators_cost_the_owner_few_snapshots(tmp_path: Path) -> None:
     async with watched(tmp_path) as game:
@@ -516,6 +519,7 @@ async def test_spectators_stay_when_the_owner_leaves(tmp_path: Path) -> None:
             assert one.state.digest == game.games[0].state.digest
 
 
+@pytest.mark.slow
 @virtual
 async def test_an_owner_that_was_cut_off_is_not_heard(tmp_path: Path) -> None:
     async with watched(tmp_path) as game:
@@ -560,6 +564,7 @@ async def test_spectators_of_a_node_that_is_cut_off_go_to_another_one(tmp_path: 
 # The end
 
 
+@pytest.mark.slow
 @virtual
 async def test_nothing_is_left_behind(tmp_path: Path) -> None:
     async with watched(tmp_path) as game:

@@ -93,6 +93,7 @@ async def trouble(nodes: Nodes, chance: random.Random) -> None:
             node.bus.heal()
 
 
+@pytest.mark.slow
 @virtual
 @pytest.mark.parametrize("seed", quick_sample(range(20), 1, nightly=4))
 async def test_spectators_see_the_same_game_whatever_fails(tmp_path: Path, seed: int) -> None:

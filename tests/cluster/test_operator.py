@@ -124,6 +124,7 @@ class TestOverview:
                 connections = [len(node.server.connections.open) for node in at.nodes]
                 assert seen["totals"]["connections"] == sum(connections)
 
+    @pytest.mark.slow
     @virtual
     async def test_pages_of_the_list_contain_each_episode_once(self, tmp_path: Path) -> None:
         async with lab(tmp_path) as at, connect(at.nodes[0].url, name="eve") as eve:

@@ -93,6 +93,7 @@ def test_orders_of_a_generated_shift_do_not_depend_on_the_seed_of_a_game(tmp_pat
     assert with_seed(path, 0).digest == with_seed(path, 5).digest
 
 
+@pytest.mark.slow
 def test_shift_that_bots_cannot_serve_is_refused(tmp_path: Path) -> None:
     hasty = file_of()["shift"]["menu"]
     for dish in hasty.values():

@@ -61,6 +61,7 @@ def test_results_are_right_in_tiny_kitchens(block: int) -> None:
     assert checked > 20
 
 
+@pytest.mark.slow
 def test_equal_queries_give_equal_answers() -> None:
     texts = []
     for _ in range(2):

@@ -84,6 +84,7 @@ def test_installed_plugin_plans_for_its_domain(install: Install) -> None:
     assert (second.planner, second.bound) == ("workshop 1", 5)
 
 
+@pytest.mark.slow
 def test_declined_states_go_to_the_general_planners(install: Install) -> None:
     install("workshop_planner:WORKSHOP", WORKSHOP_PLANNER)
     world = World("workshop/01")

@@ -18,6 +18,7 @@ def report(recording: Recording) -> list[Any]:
     return [recording.measures(), recording.participants, course(recording)]
 
 
+@pytest.mark.slow
 def test_reports_decode_no_long_lists_of_timers(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = Recording(recorded_game("multi_agent/01"))
     frames = [*recording.each_frame()]

@@ -83,6 +83,7 @@ def test_a_world_that_cannot_grow_further_still_plays() -> None:
     assert [thing.name for thing in made.objects if thing.kind == "x"] == ["x1"]
 
 
+@pytest.mark.slow
 def test_shipped_kitchens_leave_room_for_long_games() -> None:
     for name in ("workshop/01", "workshop/02", "multi_agent/10", "shifts/06_rush_hour"):
         world = World(load_task(name))

@@ -85,6 +85,7 @@ def test_query_cannot_break_a_line_of_the_card(write: Write) -> None:
     assert "the query `SELECT id --- , ''/ \\u001b[2J' FROM episodes`" in card
 
 
+@pytest.mark.slow
 def test_card_shows_a_part_of_many_and_long_names(write: Write) -> None:
     folder = write()
     received = manifest(folder)

@@ -78,6 +78,7 @@ def test_tolerant_plans_skip_empty_lines() -> None:
     assert TolerantParser().steps("1. **Action:** a\nThen: x\nAction 2: b") == ("a", "b")
 
 
+@pytest.mark.slow
 def test_long_answers_are_parsed_quickly() -> None:
     """No pattern backtracks: a second for each of these would be a minute in all."""
     for text in ("Reasoning: " * 100_000, "Action" * 150_000, "#" * 1_000_000, "\n" * 1_000_000):

@@ -193,6 +193,7 @@ def test_invalid_problems(change: dict[str, Any], words: str) -> None:
         generate_layout({**problem(), **change}, 42)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noisy", [False, True])
 def test_too_small_grid_is_an_error(noisy: bool) -> None:
     """The published generator would never stop."""

@@ -74,6 +74,7 @@ def test_expansion_limit_gives_plan_and_bound(most: int) -> None:
     check_within_limits(world, answer)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("most", quick_sample([100, 1, 10_000]))
 def test_state_limit_ends_the_search(most: int) -> None:
     world = World(LARGE)

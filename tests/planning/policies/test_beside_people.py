@@ -133,6 +133,7 @@ class Bench:
         self.state = step.state
 
 
+@pytest.mark.slow
 def test_bot_that_plans_goes_on_with_its_last_plan(monkeypatch: pytest.MonkeyPatch) -> None:
     bench, other = Bench(monkeypatch), Bench(monkeypatch)
     for each in (bench, other):
@@ -272,6 +273,7 @@ def test_mutual_waiting_is_resolved() -> None:
     assert rival.arrived
 
 
+@pytest.mark.slow
 def test_requests_fit_the_current_state() -> None:
     for puts in (False, True):
         world = World("multi_agent/01@2")

@@ -18,6 +18,7 @@ from robotouille.planning.policies.team_talk import INSIST
 from robotouille.world.presentation.signals import Intent, Signal, signal_text, understood
 from robotouille.world.presentation.wording import Wording
 from robotouille.world.scene import scene
+from tests.support.samples import quick_sample
 
 ME, PERSON = "robot1", "robot2"
 
@@ -66,7 +67,7 @@ def test_a_bot_waits_when_asked_to(kitchen: Kitchen, by_signal: bool) -> None:
     assert any(kitchen.step() for _ in range(5))
 
 
-@pytest.mark.parametrize("by_signal", [True, False])
+@pytest.mark.parametrize("by_signal", quick_sample([True, False]))
 def test_a_bot_hands_over_what_somebody_needs(kitchen: Kitchen, by_signal: bool) -> None:
     held = kitchen.until_it_holds_something()
     kind = kitchen.wording.kind(kitchen.world.thing(held).kind)
@@ -96,6 +97,7 @@ def test_a_bot_leaves_a_station_that_somebody_needs(kitchen: Kitchen) -> None:
         assert standing_at(kitchen.state, ME) != station
 
 
+@pytest.mark.slow
 def test_a_bot_leaves_the_station_of_an_item_that_somebody_needs(kitchen: Kitchen) -> None:
     while True:
         kitchen.step()
@@ -128,6 +130,7 @@ def test_a_bot_says_when_it_has_no_work_for_a_thing(kitchen: Kitchen) -> None:
     assert [text.split(" for ")[0] for text in answers(kitchen, spare)] == ["I have no work"]
 
 
+@pytest.mark.slow
 def test_a_bot_asks_once_for_an_item_that_a_person_carries_around() -> None:
     kitchen = Kitchen("multi_agent/01@2")
     place = scene(kitchen.state)["lettuce1"].host

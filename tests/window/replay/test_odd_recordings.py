@@ -116,7 +116,7 @@ def test_a_kitchen_that_is_not_installed(
     assert viewer.playhead.length == 8
 
 
-@pytest.mark.parametrize("size", [(1280, 720), (640, 360), (320, 240)])
+@pytest.mark.parametrize("size", [pytest.param((1280, 720), marks=pytest.mark.slow), (320, 240)])
 def test_eight_seats(opened: Opener, tmp_path: Path, size: tuple[int, int]) -> None:
     path = tmp_path / "eight.rbt"
     path.write_bytes(compress(recorded_game(str(of_eight(tmp_path)), steps=30)))
