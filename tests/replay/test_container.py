@@ -109,7 +109,7 @@ class TestClosedFiles:
     ) -> None:
         monkeypatch.setattr(container, "BLOCK", 256)  # A short game then has many blocks.
         end = 8 * len(compress(short_game))
-        bits: Iterable[int] = [*range(0, end - 64, 41 * STRIDE), *range(end - 64, end, 9)]
+        bits: Iterable[int] = [*range(0, end - 64, 97 * STRIDE), *range(end - 64, end, 17)]
         counts = flip_some(short_game, bits, closed=True)
         assert set(counts) <= {"noticed, in the header", "noticed", "nothing changed"}
         assert counts["noticed"] > 10, "no flip after the header"
