@@ -21,6 +21,7 @@ from robotouille_client import connect
 from robotouille_client.cli.main import app
 from robotouille_server import ServerSettings, serve
 from tests.support.pages import blocks, read, titled
+from tests.support.samples import quick_sample_of_pairs
 from tests.support.virtual_time import run
 
 PUBLISHED = Path(__file__).resolve().parents[3] / "shared/compat/upstream/problems"
@@ -83,8 +84,9 @@ def test_the_bots_of_the_guide_play() -> None:
     assert sum(seat["said"] for seat in outcomes[0]["seats"]) == 2
 
 
-@pytest.mark.parametrize("mode", ["turn", "lockstep", "realtime"])
-@pytest.mark.parametrize("seats", [1, 2])
+@pytest.mark.parametrize(
+    ("mode", "seats"), quick_sample_of_pairs(["turn", "lockstep", "realtime"], [1, 2])
+)
 def test_the_json_bot_plays(mode: str, seats: int) -> None:
     source = titled("protocol.md", "random_bot.py")
     assert "robotouille" not in source.replace("robotouille.v1.json", "")

@@ -9,6 +9,7 @@ import pytest
 from robotouille import FileError, Task, UnknownTaskError, World, load_task, task_names
 from robotouille.installation import data_folder
 from tests.support.broken_files import PROBLEM, published_domain, write
+from tests.support.samples import quick_sample_per_folder
 
 
 @pytest.mark.parametrize("name", task_names())
@@ -23,7 +24,7 @@ def test_every_shipped_task_loads(name: str) -> None:
         assert all(world.initial.actions(player) for player in world.players)
 
 
-@pytest.mark.parametrize("name", task_names())
+@pytest.mark.parametrize("name", quick_sample_per_folder(task_names()))
 def test_task_survives_conversion_to_json(name: str) -> None:
     task = load_task(name, timing="people")
     twin = Task.from_json(task.to_json())

@@ -35,7 +35,7 @@ def some(env: RobotouilleParallelEnv, rng: np.random.Generator) -> dict[str, int
     return chosen
 
 
-@pytest.mark.parametrize("task", quick_sample([TEAM, "multi_agent/07@3", "multi_agent/10@4"], 2))
+@pytest.mark.parametrize("task", quick_sample([TEAM, "multi_agent/07@3", "multi_agent/10@4"]))
 def test_engine_matches_the_world(task: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(engine, "is_compiled", lambda: False)
     slow = parallel_env(task, max_steps=30)

@@ -133,6 +133,7 @@ def test_wrong_actions_are_rejected(
         envs.step(actions)
 
 
+@pytest.mark.slow
 def test_overflow_is_an_error_and_changes_nothing(in_the_engine: None) -> None:
     task = world_of("workshop/01").task
     envs = RobotouilleVectorEnv(task, 30, slots={"bolt": 1})

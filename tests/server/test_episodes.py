@@ -113,7 +113,7 @@ def test_there_are_thirty_tasks() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "clock"), quick_sample_of_pairs(TASKS, list(Clock), 6, nightly=True)
+    ("name", "clock"), quick_sample_of_pairs(TASKS, list(Clock), 3, nightly=True)
 )
 def test_bots_finish_the_task(tmp_path: Path, name: str, clock: Clock) -> None:
     seats = load_task(name).seats

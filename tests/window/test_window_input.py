@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pygame
 import pytest
+from tests.support.samples import quick_sample_of_pairs
 from tests.support.scripted import BOILING
 from tests.support.window_play import (
     ARROWS,
@@ -77,8 +78,9 @@ def slow() -> Table:
     return Table(Script(World("training/01"), slow=True))
 
 
-@pytest.mark.parametrize("device", ["keys", "mouse"])
-@pytest.mark.parametrize("task", ["synchronous/01", "training/01"])
+@pytest.mark.parametrize(
+    ("task", "device"), quick_sample_of_pairs(["training/01", "synchronous/01"], ["mouse", "keys"])
+)
 def test_a_whole_task_by_one_device(task: str, device: str) -> None:
     table = Table(Script(World(task)))
     for line in load_certificate(load_task(task)).plan or ():

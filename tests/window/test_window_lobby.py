@@ -160,7 +160,9 @@ def test_the_card_fits_beside_the_panel(size: tuple[int, int], ready: bool | Non
     assert not card.colliderect(place.panel)
 
 
-@pytest.mark.parametrize("size", [(640, 360), (800, 600), (1280, 720), LARGE])
+@pytest.mark.parametrize(
+    "size", quick_sample((size,) for size in [(640, 360), (800, 600), (1280, 720), LARGE])
+)
 @pytest.mark.parametrize(
     "task", quick_sample(["multi_agent/10@4", "multi_agent/07", "training/03"])
 )

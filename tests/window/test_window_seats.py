@@ -9,6 +9,7 @@ from dataclasses import replace
 import pygame
 import pytest
 from tests.support.colours import colour_distance
+from tests.support.samples import quick_sample
 from tests.support.window_play import Script, world_of
 
 from robotouille.domain.rendering import rendering_of
@@ -180,7 +181,7 @@ def view() -> View:
     return Script(world_of("training/01")).view()
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", quick_sample((size,) for size in SIZES))
 @pytest.mark.parametrize("scale", SCALES)
 def test_the_main_key_is_always_shown(view: View, size: tuple[int, int], scale: float) -> None:
     hints = (("E", "Put down the bread"), ("Click", "Pick up the tomato"))
@@ -201,7 +202,7 @@ def test_the_last_permanent_keys_stay_longest(view: View, scale: float) -> None:
     assert there == sorted(there)
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", quick_sample((size,) for size in SIZES))
 @pytest.mark.parametrize("scale", SCALES)
 def test_a_lesson_covers_only_the_wall(view: View, size: tuple[int, int], scale: float) -> None:
     painter, surface = Painter(preferences=Preferences(text_scale=scale)), pygame.Surface(size)

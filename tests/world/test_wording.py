@@ -10,6 +10,7 @@ from robotouille import State, World, load_task, task_names
 from robotouille.domain.rendering import Language, language_of
 from robotouille.world.presentation.wording import Wording
 from robotouille.world.unmet import Unmet, UnmetKind, only_words
+from tests.support.samples import quick_sample_per_folder
 from tests.support.scripted import BOILING, after, planned
 
 KITCHEN = World("asynchronous/09")
@@ -69,7 +70,7 @@ def test_names_describe_what_is_there() -> None:
     ]
 
 
-@pytest.mark.parametrize("task", task_names())
+@pytest.mark.parametrize("task", quick_sample_per_folder(task_names()))
 def test_place_names_and_walks_are_unique(task: str) -> None:
     world = World(task)
     for language in (language_of(world.task), Language()):

@@ -89,6 +89,7 @@ def answered(name: str, *answers: str) -> Proposal:
     raise AssertionError("the strategy asks again")
 
 
+@pytest.mark.slow
 def test_documented_agents_are_evaluated(module: str, tmp_path: Path) -> None:
     run, agents = tmp_path / "run", f"{module}:Numbered,{module}:Walker"
     result = called("run", run, "--agents", agents, "--tasks", SANDWICH, "--limit", 1)

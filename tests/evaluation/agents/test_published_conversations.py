@@ -118,7 +118,7 @@ def converse(recorded: dict[str, Any]) -> TextEpisodeResult:
     raise AssertionError(f"one more request than recorded: {request}")
 
 
-@pytest.mark.parametrize("name", quick_sample(FILES, 4))
+@pytest.mark.parametrize("name", quick_sample(FILES))
 def test_conversation_is_reproduced(name: str) -> None:
     recorded = json.loads((PUBLISHED / "conversations" / name).read_text())
     wanted = recorded["result"]

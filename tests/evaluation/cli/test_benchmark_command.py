@@ -76,6 +76,7 @@ def test_temperatures_are_players_of_their_own(tmp_path: Path) -> None:
     assert json.loads(result.stdout)["episodes"] == 1
 
 
+@pytest.mark.slow
 def test_shifts_have_scores_instead_of_successes(tmp_path: Path) -> None:
     words = ["--tasks", "shifts/01", "--seats", "2", "--agents", "random", "--processes", "1"]
     result = called("run", tmp_path / "run", *words)
@@ -88,6 +89,7 @@ def test_shifts_have_scores_instead_of_successes(tmp_path: Path) -> None:
     assert called("resume", tmp_path / "run").exit_code == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", quick_sample([["--variant", "delay-free"], []]))
 def test_option_seats(tmp_path: Path, variant: list[str]) -> None:
     words = ["--tasks", TEAM, "--kinds", "default", "--agents", "react-none", "--seats", "3"]

@@ -102,6 +102,7 @@ def test_instances_without_a_constant_are_left_out(tmp_path: Path, toast: Path) 
     assert none_left.exit_code == 1 and "no constant, so no published budget" in none_left.stderr
 
 
+@pytest.mark.slow
 def test_inspect_leaves_out_instances_without_a_constant(
     toast: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -177,6 +178,7 @@ def test_tasks_of_an_experiment_that_the_pack_lacks_are_left_out(
     assert "unknown task 'noodles'" in unknown.stderr
 
 
+@pytest.mark.slow
 def test_folder_of_experiments_is_played_at_once(tmp_path: Path) -> None:
     names = ("ReAct/ablations/one", "ReAct/ablations/two")
     changes = {f"conf/experiments/{name}.yaml": checkouts.EXPERIMENT for name in names}
@@ -192,6 +194,7 @@ def test_folder_of_experiments_is_played_at_once(tmp_path: Path) -> None:
     assert [row.agent for row in rows] == ["random"], "both experiments share the episode"
 
 
+@pytest.mark.slow
 def test_options_replace_settings_of_an_experiment(tmp_path: Path, by_chance: Path) -> None:
     changes = ("--temperature", "0", "--instances", "84", "--variant", "none")
     words = ("run", tmp_path / "run", "--pack", by_chance, "--experiment", EXPERIMENT)

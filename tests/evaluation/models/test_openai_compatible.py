@@ -42,6 +42,7 @@ from tests.support.openai_server import (
     stream,
     tool_call,
 )
+from tests.support.samples import quick_sample
 
 if importlib.util.find_spec("openai") is None:  # Not imported: that takes a second.
     pytest.skip("needs openai", allow_module_level=True)
@@ -350,7 +351,7 @@ async def test_redirects_are_not_followed() -> None:
     assert not other.received
 
 
-@pytest.mark.parametrize("blanks", [270, 99_990, 100_000, 104_080])
+@pytest.mark.parametrize("blanks", quick_sample([99_990, 270, 100_000, 104_080]))
 async def test_cutting_a_message_leaves_no_part_of_a_key(blanks: int) -> None:
     said = "." * blanks if blanks < 300 else " " * blanks
     for reply in (

@@ -52,7 +52,7 @@ def test_every_published_instance_loads() -> None:
 
 
 @NEEDED
-@pytest.mark.parametrize("path", quick_sample(conversations(), quick=6), ids=lambda p: p.stem)
+@pytest.mark.parametrize("path", quick_sample(conversations(), quick=2), ids=lambda p: p.stem)
 def test_recorded_conversations_begin_with_the_pack_prompts(path: Path) -> None:
     recorded = read(path)
     name = recorded["experiment"].removeprefix("conf/experiments/").removesuffix(".yaml")

@@ -61,7 +61,7 @@ def small_kitchens() -> list[object]:
     """Return dishes and seeds of `SMALL`, few of them except in nightly runs."""
     firsts = [(dish, seeds[0]) for dish, seeds in SMALL.items()]
     others = [(dish, seed) for dish, seeds in SMALL.items() for seed in seeds[1:]]
-    return quick_sample([*firsts, *others], 4, nightly=3 * len(firsts))
+    return quick_sample([*firsts, *others], 2, nightly=3 * len(firsts))
 
 
 @pytest.mark.parametrize("block", quick_sample(range(16), 0, nightly=4))

@@ -48,8 +48,8 @@ def check(world: World, answer: SearchResult, length: int) -> None:
     [
         ("synchronous/01", 8),
         ("synchronous/02", 14),
-        ("synchronous/04", 11),
-        ("asynchronous/06", 19),
+        pytest.param("synchronous/04", 11, marks=pytest.mark.slow),
+        pytest.param("asynchronous/06", 19, marks=pytest.mark.slow),
         pytest.param("workshop/01", 18, marks=pytest.mark.slow),
     ],
 )
