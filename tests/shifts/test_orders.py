@@ -388,7 +388,7 @@ def test_things_that_could_not_return_are_named(tmp_path: Path) -> None:
     problem["objects"]["item"][3] |= {"x": 2, "y": 3}
     path = tmp_path / "shift.json"
     path.write_text(json.dumps(problem))
-    with pytest.raises(FileError, match=r"items\[3\]: 'bread' is not on a station"):
+    with pytest.raises(FileError, match=r"objects\.item\[3\]: 'bread' is not on a station"):
         World(str(path))
 
 
