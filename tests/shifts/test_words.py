@@ -19,6 +19,7 @@ SHIFT = {"reason": "shift_over", "steps": 600}
     ("points", "served", "expired", "words", "good"),
     [
         (65, 3, 0, "Shift over: 65 points, 3 orders served", True),
+        (20, 1, 0, "Shift over: 20 points, 1 order served", True),
         (-10, 0, 2, "Shift over: -10 points, 0 orders served, 2 lost", False),
     ],
 )

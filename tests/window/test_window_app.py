@@ -127,12 +127,14 @@ def lose() -> Iterator[None]:
     yield from wait(60)
 
 
-@pytest.mark.parametrize("won_before", [False, True])
+@pytest.mark.parametrize(
+    ("best", "won_before"),
+    [({}, False), ({"shifts/01_sandwich_bar@1": 33}, False), ({"training/01@1": 50}, True)],
+)
 async def test_an_easy_pace_is_offered_after_a_lost_first_game(
-    session: WindowSession, won_before: bool
+    session: WindowSession, best: dict[str, int], won_before: bool
 ) -> None:
-    if won_before:
-        session.app.settings.best = {"training/01@1": 50}
+    session.app.settings.best = best
     setup = GameSetup("synchronous/01", max_steps=3, countdown=0.0)
 
     def script() -> Iterator[None]:

@@ -20,7 +20,9 @@ from robotouille.world.presentation.wording import Wording
 from robotouille.world.scene import scene
 from robotouille_client.window.input.commands import DEFAULT_KEYS, KeyMap
 from robotouille_client.window.input.controls import Controls, use
+from robotouille_client.window.input.hints import tips_about
 from robotouille_client.window.input.input_controller import InputController
+from robotouille_client.window.view import View
 
 PUBLISHED = Path(__file__).parents[3] / "shared/compat/upstream/domain/input.json"
 POT = ["move table2", "pick-up-container pot1", "move sink1", "place-container"]
@@ -295,6 +297,14 @@ def test_an_empty_pot_advises_to_fill_it() -> None:
         assert (meaning.action, meaning.hint, meaning.advice) == (None, message, True)
     hands = InputController(KeyMap(), lambda: 0.0)
     assert hands.hints(controls, state, me) == (("", message),)
+
+
+def test_a_tip_says_what_an_empty_station_is_for() -> None:
+    world = World("shifts/01@1")
+    at_hatch = world.initial.step("Move robot1 from crate2 to hatch1").state
+    view = View(world, at_hatch, me="robot1")
+    told = tips_about(Controls(world), view, "hatch1")
+    assert told == ("The hatch", "Build dishes here; a complete dish is served")
 
 
 def test_an_unmet_condition_names_the_missing_work() -> None:

@@ -19,7 +19,7 @@ from robotouille_client.window.forms.rows import MenuChoice
 from robotouille_client.window.forms.widgets import Button, DrawContext, Row, Words
 from robotouille_client.window.pictures.shapes import box, star_points
 from robotouille_client.window.pictures.theme import ACCENT, BAD, FAINT, GOOD, TEXT, TRACK, Colour
-from robotouille_client.window.sources.texts import outcome_words, points_of, won
+from robotouille_client.window.sources.texts import orders_words, outcome_words, points_of, won
 from robotouille_client.window.view import View
 
 _KINDS: tuple[tuple[str, str, Colour], ...] = (
@@ -157,8 +157,9 @@ def end_card(
     rating = None
     people = [player for player in (view.me, view.companion) if player is not None]
     if outcome is not None:
-        rows.append(Words(f"{outcome_words(outcome)}."))
         rating = rate_game(view.world.task, len(view.seats), view.step_seconds, outcome, people)
+        counted = rating is not None and rating.points is not None
+        rows.append(Words(f"{orders_words(outcome) if counted else outcome_words(outcome)}."))
         if rating is not None:
             rows.append(StarsRow(rating))
         if words := best_words(view.world.task):

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from robotouille.certification.certificate import load_certificate
 from robotouille.domain.loading import task_names
@@ -24,8 +24,9 @@ from robotouille_client.window.app.game_cards import (
     LEAVE_BUTTONS,
     REVIEW_BUTTONS,
     GameCards,
+    rate_game,
 )
-from robotouille_client.window.app.level_map import ALL_TASKS, LevelMap
+from robotouille_client.window.app.level_map import ALL_TASKS, SHIFTS, LevelMap
 from robotouille_client.window.app.local_game import GameSetup, LocalGame
 from robotouille_client.window.app.play_menu import PlayMenu
 from robotouille_client.window.app.replays import Replays
@@ -284,7 +285,7 @@ class LocalGames:
             of_it = REVIEW_BUTTONS if game.path is not None else ()
             slower = [("Play again at an easy pace", MenuChoice.SLOWER)]
             return [
-                *(slower if self._overtaxed(setup, source.outcome) else []),
+                *(slower if self._overtaxed(setup, game) else []),
                 ("Play again", MenuChoice.AGAIN),
                 ("Next task", MenuChoice.NEXT),
                 *of_it,
@@ -313,11 +314,17 @@ class LocalGames:
         watch, save = partial(self._replays.watch, path), partial(self._replays.save, path)
         return await self._replays.review(answer, cards, watch, save, show)
 
-    def _overtaxed(self, setup: GameSetup, outcome: Mapping[str, Any] | None) -> bool:
-        """Return whether a player who has never won a game has lost one that could be slower."""
-        lost = outcome is not None and not won(outcome)
+    def _overtaxed(self, setup: GameSetup, game: LocalGame) -> bool:
+        """Return whether a player without any success has lost a game that could be slower."""
         fast = setup.clock is Clock.REALTIME and setup.rate > EASY_RATE
-        return lost and fast and not self._ui.settings.best
+        outcome, settings, task = game.source.outcome, self._ui.settings, game.world.task
+        if outcome is None or not fast:
+            return False
+        rating = rate_game(task, task.seats, game.step_seconds, outcome)
+        lost = not won(outcome) or (rating is not None and not rating.stars)
+        # A shift also has a best result without a star.
+        solved = any(not name.startswith(f"{SHIFTS}/") for name in settings.best)
+        return lost and not solved and not any(settings.stars.values())
 
     def _note_best(self, game: LocalGame) -> None:
         """Save the result if it is the player's best."""

@@ -64,7 +64,7 @@ class PlayHints:
                 hints = ((use, "not ready after all" if view.lobby.ready else "I'm ready!"),)
             elif view.me is not None and not view.frozen:
                 hints = self._controller.hints(controls, view.state, view.me)
-            self._advice = (key, (_tips(controls, view, hover), hints))
+            self._advice = (key, (tips_about(controls, view, hover), hints))
         return self._advice[1]
 
     def permanent_keys(self, controls: Controls, view: View) -> KeyRows:
@@ -156,7 +156,8 @@ class PlayHints:
         return ", ".join([*does, "leave"] if self._may_leave else does)
 
 
-def _tips(controls: Controls, view: View, hover: str | None) -> tuple[str, ...]:
+def tips_about(controls: Controls, view: View, hover: str | None) -> tuple[str, ...]:
+    """Return what a click on an object does, or what the object is and why it does nothing."""
     if hover is None:
         return ()
     title = capitalised(controls.wording(view.me).thing(hover, view.state))
@@ -164,5 +165,9 @@ def _tips(controls: Controls, view: View, hover: str | None) -> tuple[str, ...]:
         return (title,)
     resolved = controls.click(view.state, view.me, hover)
     if not resolved.valid:
-        return (title, resolved.hint) if resolved.hint else (title,)
+        told = resolved.hint
+        if resolved.action is None and not resolved.advice:
+            kind = controls.world.thing(hover).kind
+            told = capitalised(controls.wording(view.me).purpose(kind)) or told
+        return (title, told) if told else (title,)
     return (hint_words(resolved, view.state),)

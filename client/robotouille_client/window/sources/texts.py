@@ -119,12 +119,18 @@ def outcome_words(outcome: Mapping[str, object]) -> str:
     code = str(outcome.get("reason", "ended"))
     score = outcome.get("score")
     if code == Reason.SHIFT_OVER and isinstance(score, Mapping):
-        lost = f", {score['expired']} lost" if score.get("expired") else ""
-        points, served = score.get("points", 0), score.get("served", 0)
-        return f"{REASONS[code]}: {points} points, {served} orders served{lost}"
+        return f"{REASONS[code]}: {score.get('points', 0)} points, {orders_words(outcome)}"
     reason, link = REASONS.get(code, code), "in" if code == "goal" else "after"
     detail = f": {outcome['detail']}" if outcome.get("detail") else ""
     return f"{reason} {link} {outcome.get('steps', 0)} steps{detail}"
+
+
+def orders_words(outcome: Mapping[str, object]) -> str:
+    """Return the orders of a shift in words, such as `5 orders served, 2 lost`."""
+    score = outcome.get("score")
+    score = score if isinstance(score, Mapping) else {}
+    served, lost = score.get("served", 0), score.get("expired", 0)
+    return f"{served} order{'s' * (served != 1)} served" + (f", {lost} lost" if lost else "")
 
 
 def points_of(outcome: Mapping[str, object] | None) -> int | None:

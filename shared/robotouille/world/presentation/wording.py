@@ -163,6 +163,10 @@ class Wording:
         told = reversed(self.language.purposes.items())
         return tuple((self.kind(kind), words) for kind, words in told if kind in kinds)
 
+    def purpose(self, kind: str) -> str:
+        """Return what a kind of station is for; empty if there are no words for it."""
+        return self.language.purposes.get(kind, "")
+
     # Actions
 
     def action(self, action: GroundAction, state: State) -> str:
