@@ -141,7 +141,8 @@ def end(display: Display, out: Path) -> Iterator[str]:
         # The use key is guarded for a second after an action.
         yield from pause(70 if key == "e" else 2)
         yield key
-    yield from pause(60)
+    # The third star is stamped last.
+    yield from pause(100)
     display.save(out / "end.png")
 
 
@@ -201,7 +202,7 @@ async def served(out: Path) -> None:
                 yield from pause(70 if key == "e" else 0)
                 yield key
                 yield from pause(6)
-            yield from pause(60)
+            yield from pause(100)
             display.save(out / "end_server.png")
 
         playing = Playing(script, out, 0.01)
@@ -231,7 +232,7 @@ def cooking(
     """Draw a kitchen after some steps of its task's plan file.
 
     Args:
-        said: Bubbles, each with its sentence in the chat.
+        said: Bubbles, each with its sentence in the chat, or nothing for an announcement.
     """
     loaded = load_task(task)
     world = World(loaded)
@@ -247,7 +248,7 @@ def cooking(
     view = View(
         world, state, before, steps, 100, "real time", 0.6, seats, world.players[0],
         tuple(bubble for bubble, _ in said),
-        tuple((names[bubble.player], text) for bubble, text in said), step_seconds=0.2,
+        tuple((names[bubble.player], text) for bubble, text in said if text), step_seconds=0.2,
     )  # fmt: skip
     surface = pygame.Surface(size)
     Painter().paint(surface, view)
@@ -274,10 +275,10 @@ def shift(path: Path, task: str, steps: int) -> None:
 def moments(out: Path) -> None:
     """Draw events of a game and other renderings."""
     cooking(out / "kitchen.png", "multi_agent/10@3", 18)
-    cooking(out / "signals.png", "multi_agent/07@3", 13, said=(
+    cooking(out / "signals.png", "multi_agent/07@3", 11, said=(
         (Bubble("robot1", "I need", "chat", ("stove1",), "stove1"), "I need the stove, please"),
         (Bubble("robot2", "You take", "chat", ("onion1",), "onion1"), "You take the onion, please"),
-        (Bubble("robot3", "", "chat", ("board1", "onion1")), "Next: cut the onion"),
+        (Bubble("robot3", "", "chat", ("board1", "onion1")), ""),
     ))  # fmt: skip
     cooking(out / "pancakes.png", "examples/pancakes", 16, (800, 450))
     rows = (LobbyRow("ada (you)", "here"), LobbyRow("ben", "ready"))
@@ -292,7 +293,7 @@ def moments(out: Path) -> None:
     moment(out / "offline.png", offline=7.0)
     moment(out / "refusal.png", bubbles=(Bubble("robot1", "The board is not free."),))
     moment(out / "blocked.png", blocked=(("robot2", "stove1", "robot1"),))
-    shift(out / "shift.png", "shifts/03@3", 180)
+    shift(out / "shift.png", "shifts/03@3", 360)
     moment(out / "chalk.png", rendering="chalk")
     moment(out / "workshop.png", task="workshop/02")
 
