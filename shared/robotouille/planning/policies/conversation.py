@@ -90,7 +90,10 @@ class Conversation(Talk):
             missing = missing_action(watch.script, state, others, self._rules)
             if missing is not None:
                 words = appeal(self._here(missing), state, self._wording)
-                self.ask(Speech(words), words, step)
+                # To ask for the item in a hand and for an action with it is the same need.
+                held = object_in_hand([missing], state, others)
+                need = words if held is None else state.world.thing(held).kind
+                self.ask(Speech(words), need, step)
                 return
         elif watch.assumption is not Assumption.OTHERS_ASIDE:
             return

@@ -554,6 +554,8 @@ class PlannerPolicy:
         others = self._outsiders
         if not others or watch.script.finished:
             return False
+        if self._would_stand_laden(watch, state):
+            return True
         script = watch.script
         at_work = action is not None and action.destination is None
         if not at_work and watch.assumption is Assumption.EVERYBODY and script.waits_for(others):
