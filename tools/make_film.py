@@ -37,7 +37,7 @@ HASTE = 0.9
 """Probability that a player acts in a step, since people hesitate."""
 SPEED, SIZE = 4.0, "800x500"
 """Steps a second in the film, and its size in pixels."""
-SPAN = (214, 292)
+SPAN = (476, 554)
 """Steps of the shift that the film shows, in 20 seconds."""
 
 
