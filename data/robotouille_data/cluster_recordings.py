@@ -29,12 +29,12 @@ from typing import Any
 from nats.aio.client import Client
 from nats.aio.msg import Msg
 from nats.errors import Error as NatsError
-from nats.errors import NoRespondersError, ProtocolError
+from nats.errors import NoRespondersError
 from nats.js import JetStreamContext
 from nats.js.api import ConsumerConfig, DeliverPolicy
 from nats.js.errors import NotFoundError
-from nats.protocol.parser import Parser
 
+from robotouille.bounded_nats import bounded_client
 from robotouille.domain.files import whole_file
 from robotouille.nats_address import NatsAddress
 from robotouille.replay.container import MAX_FILE
@@ -47,8 +47,6 @@ MAX_NAME = 200
 """Characters of a file name. Most file systems permit 255, and a draft has a longer name."""
 MAX_CHUNKS = 262_144
 """Messages of an object's content. The library writes 128 KiB into each."""
-MAX_MESSAGE = 8 * 1024 * 1024
-"""Bytes of a message. NATS recommends this limit to its operators."""
 MAX_DESCRIPTION = 65_536
 MAX_DESCRIPTIONS = 32 * 1024 * 1024
 """Bytes of descriptions in memory. Further ones are read by the next call."""
@@ -309,16 +307,6 @@ def _valid_answers() -> Iterator[None]:
         raise UnavailableError(f"NATS: the server's answer is invalid: {error}") from None
 
 
-class _BoundedParser(Parser):
-    """Parser that ends the connection before a message of any announced length fills the memory."""
-
-    async def parse(self, data: bytes = b"") -> None:
-        await super().parse(data)
-        if max(self.needed, len(self.buf)) > MAX_MESSAGE:
-            self.reset()
-            raise ProtocolError
-
-
 @asynccontextmanager
 async def _errors() -> AsyncIterator[None]:
     try:
@@ -334,9 +322,7 @@ async def _errors() -> AsyncIterator[None]:
 
 @asynccontextmanager
 async def _connected(address: NatsAddress) -> AsyncIterator[Client]:
-    client, reasons = Client(), [""]
-    # The library has no option for a limit.
-    client._ps = _BoundedParser(client)
+    client, reasons = bounded_client(), [""]
 
     async def failed(error: Exception) -> None:
         reasons.append(str(error) or type(error).__name__)

@@ -9,9 +9,11 @@ from pathlib import Path
 import pytest
 from nats.js import JetStreamContext
 
+from robotouille.errors import RobotouilleError
 from robotouille.nats_address import NatsAddress
 from robotouille_server.cluster.bus import Append, Bucket, BusError, Entry, UnavailableError
 from robotouille_server.cluster.nats_bus import NatsBus, nats_bus
+from tests.support.lying_nats import MIB, endless, lying_nats
 from tests.support.nats import missing, nats_cluster
 
 pytestmark = [
@@ -82,3 +84,14 @@ async def test_attempt_to_watch_that_fails_leaves_only_the_earlier_watch(
                 await bus.watch(Bucket.NODES, noting(second))
             await put(bus, "a", first)
             assert second == []
+
+
+def test_message_without_end_does_not_fill_the_memory() -> None:
+    async def begin(url: str) -> None:
+        async with nats_bus(NatsAddress((url,), "robotouille")):
+            pass
+
+    with lying_nats({"STREAM.CREATE": endless}) as (url, liar):
+        with pytest.raises(RobotouilleError, match="--cluster: JetStream is not ready"):
+            asyncio.run(begin(url))
+    assert liar.sent < 100 * MIB

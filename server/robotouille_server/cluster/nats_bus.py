@@ -38,6 +38,7 @@ from nats.js.errors import (
 )
 from nats.js.kv import KeyValue
 
+from robotouille.bounded_nats import bounded_client
 from robotouille.errors import RobotouilleError
 from robotouille.nats_address import NatsAddress
 from robotouille_server.cluster.bus import (
@@ -100,7 +101,7 @@ class NatsBus:
     def __init__(self, address: NatsAddress) -> None:
         self._address = address
         self._prefix = address.prefix
-        self._nats = Client()
+        self._nats = bounded_client()
         self._js = CarefulJetStream(self._nats, timeout=ANSWER_SECONDS)
         self._buckets: dict[Bucket, KeyValue] = {}
         self._watching: dict[Bucket, JetStreamContext.PushSubscription] = {}
