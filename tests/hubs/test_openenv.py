@@ -219,6 +219,20 @@ async def test_pages_of_other_sites_are_refused(path: str) -> None:
         assert "session_id" in own.json()["result"]
 
 
+async def test_names_of_other_sites_that_lead_here_are_refused() -> None:
+    import httpx
+
+    async with served() as url, httpx.AsyncClient(base_url=url) as http:
+        port = url.rpartition(":")[2]
+        for host in (f"evil.example:{port}", "evil.example", "localhost.evil.example", "[", ""):
+            for origin in ({}, {"origin": f"http://{host}"}):
+                refused = await http.get("/health", headers={"host": host, **origin})
+                assert (refused.status_code, "other sites" in refused.text) == (403, True)
+        for host in (f"localhost:{port}", f"127.0.0.1:{port}", f"[::1]:{port}"):
+            own = await http.get("/health", headers={"host": host, "origin": f"http://{host}"})
+            assert own.status_code == 200
+
+
 async def test_large_bodies_are_refused_before_they_are_stored() -> None:
     import httpx
 

@@ -7,6 +7,7 @@ site could open sessions through the browser of the person who runs the server.
 from __future__ import annotations
 
 import contextlib
+import ipaddress
 from collections.abc import Mapping
 from typing import Any
 from urllib.parse import urlsplit
@@ -33,7 +34,7 @@ class Guard:
             await self._app(scope, receive, send)
             return
         headers = Headers(scope=scope)
-        if not _is_own_page(headers):
+        if not (_is_own_page(headers) and _names_this_machine(scope, headers)):
             await _refuse(scope, receive, send, 403, "web pages of other sites are not accepted")
         elif scope["type"] == "websocket":
             await self._app(scope, receive, send)
@@ -70,7 +71,27 @@ _TOO_LARGE = f"the body is larger than {MAX_BODY >> 20} MiB"
 def _is_own_page(headers: Mapping[str, str]) -> bool:
     """Return whether a request comes from a page of this server, or from a program."""
     origin = headers.get("origin")
-    return origin is None or urlsplit(origin).netloc == headers.get("host")
+    return origin is None or origin.partition("://")[2] == headers.get("host")
+
+
+def _names_this_machine(scope: Scope, headers: Mapping[str, str]) -> bool:
+    """Return whether a request within this machine names it by an address or `localhost`.
+
+    Otherwise it may come from a page of another site whose name was made to lead here (DNS
+    rebinding). Browsers take such a page for one of this server.
+    """
+    if not _is_loopback((scope.get("server") or ("",))[0]):
+        return True
+    with contextlib.suppress(ValueError):
+        return _is_loopback(urlsplit(f"//{headers.get('host', '')}").hostname or "")
+    return False
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
 
 
 async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, why: str) -> None:
