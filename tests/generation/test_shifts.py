@@ -57,6 +57,7 @@ def test_kitchen_menu_and_orders_change_with_the_seed(tmp_path: Path) -> None:
     assert len(menus) > 1
 
 
+@pytest.mark.slow
 def test_seed_has_one_valid_file_with_the_points_of_planner_bots(tmp_path: Path) -> None:
     words = [short(tmp_path), "--seed", "7"]
     result = called(*words, "--out", str(tmp_path / "new"))
@@ -118,6 +119,7 @@ def test_options_that_need_a_goal_are_refused(words: list[str], expected: str) -
     assert expected in result.output
 
 
+@pytest.mark.slow
 def test_irrelevant_things_can_be_added(tmp_path: Path) -> None:
     generated = called(short(tmp_path), "--stations", "2", "--items", "1", "--out", "-")
     assert generated.exit_code == 0, generated.output

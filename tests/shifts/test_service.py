@@ -35,6 +35,7 @@ def scores(recording: Recording) -> list[int]:
     return [state.orders.score for _, state in recording.states() if state.orders is not None]
 
 
+@pytest.mark.slow
 @virtual
 async def test_two_bots_serve_a_shift_over_a_server_with_a_crash(tmp_path: Path) -> None:
     folder = tmp_path / "tasks"

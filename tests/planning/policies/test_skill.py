@@ -30,6 +30,7 @@ def steps(game: TeamGame) -> int:
     return game.outcome.steps
 
 
+@pytest.mark.slow
 def test_skills_differ_in_real_time_only() -> None:
     learner, partner, expert = (steps(cooked(SKILLS[name])) for name in SKILLS)
     assert learner > partner > expert
