@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -241,7 +242,12 @@ def test_failed_write_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.Mon
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_seconds_are_recorded_only_if_time_ended_the_search() -> None:
+def test_seconds_are_recorded_only_if_time_ended_the_search(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    still = SimpleNamespace(monotonic=lambda: 1000.0)
+    monkeypatch.setattr("robotouille.certification.certificate.time", still)
+
     def waiting(world: World, start: State | None = None, **options: Any) -> SearchResult:
         assert options["limits"].stop()
         return replace(proving(world, start), bound=1)
