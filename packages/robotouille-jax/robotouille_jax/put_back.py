@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import jax
@@ -9,8 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from robotouille.batch.rules import CompiledRules
-from robotouille.world.shift import ShiftRules
+from robotouille.world.shift import Return, ShiftRules
 from robotouille_jax.padded import Array, ints, rows
+
+_Row = tuple[int, int, int]
 
 
 class _Tables(NamedTuple):
@@ -48,6 +51,97 @@ class _Tables(NamedTuple):
     soils: Array
 
 
+class _Numbers:
+    """Numbers of the things that return, of the stations and of the atoms about them.
+
+    Attributes:
+        things: Names of the things. All are there from the beginning: nothing can be created.
+        stations: Names of the stations.
+        none: A number beyond the last atom, for missing ones.
+    """
+
+    def __init__(self, rules: CompiledRules, returns: Return) -> None:
+        self._rules, self._returns = rules, returns
+        self.things = sorted(returns.homes)
+        self.stations = [station.name for station in returns.stations]
+        self.none = len(rules.encoding.atoms)
+
+    def tables(self, surfaces: Sequence[Mapping[int, str]]) -> _Tables:
+        rules, returns, names = self._rules, self._returns, self.things
+        pairs, places = self._related()
+        types = {o.name: o.type for o in rules.encoding.objects}
+        kinds = sorted({types[name] for name in names})
+        by_type = [name for kind in kinds for name in rules.world.table.by_type[kind]]
+        ranked = [name for name in by_type if name in names]
+        return _Tables(
+            pair_atom=ints(atom for atom, _, _ in pairs),
+            pair=_two_columns([pair for _, *pair in pairs]),
+            place_atom=ints(atom for atom, _, _ in places),
+            place=_two_columns([place for _, *place in places]),
+            on_surface=rows(map(self._on_surface, surfaces), self.none),
+            own=rows((rules.atoms_of(returns.own_facts(name)) for name in names), self.none),
+            order=rows(map(self._order, names), -1),
+            here=self._block("shares_tile", self.stations),
+            bottom=self._block("bottom_of_stack", self.stations),
+            next=self._block("next_in_stack", names),
+            top=self._about_each(returns.rules["top_of_stack"]),
+            rank=ints(ranked.index(name) for name in names),
+            type=ints(kinds.index(types[name]) for name in names),
+            soils=self._about_each(sorted(returns.soils)),
+        )
+
+    def defaults(self) -> list[tuple[Array, Array]]:
+        """Return for each default fact its atoms by object, and the atoms that prevent it."""
+        atoms = self._rules.encoding.atoms
+        return [
+            (
+                rows((self._find([fact], name) for name in self._rules.object), self.none)[:, 0],
+                jnp.asarray([predicate in (unless or ()) for predicate, *_ in atoms]),
+            )
+            for fact, unless in self._returns.defaults
+        ]
+
+    def _related(self) -> tuple[list[_Row], list[_Row]]:
+        """Return the atoms about two things, and those about a station and a thing."""
+        thing = {name: i for i, name in enumerate(self.things)}
+        station = {name: i for i, name in enumerate(self.stations)}
+        pairs, places = [], []
+        for atom, (_, *arguments) in enumerate(self._rules.encoding.atoms):
+            found = [thing[name] for name in arguments if name in thing]
+            pairs += [(atom, i, j) for i in found for j in found if i != j]
+            there = [station[name] for name in arguments if name in station]
+            places += [(atom, s, i) for s in there for i in found]
+        return pairs, places
+
+    def _on_surface(self, surface: Mapping[int, str]) -> list[int]:
+        """Return for each thing the first atom that puts it on a surface."""
+        first: dict[str, int] = {}
+        for bit, name in surface.items():
+            for atom in self._rules.atoms_of(bit):
+                first.setdefault(name, atom)
+        return [first.get(name, self.none) for name in self.things]
+
+    def _order(self, name: str) -> list[int]:
+        home = self._returns.homes[name]
+        return [self.stations.index(s) for s in self._returns.stations_for(home)] if home else [-1]
+
+    def _block(self, rule: str, others: Sequence[str]) -> Array:
+        predicates = self._returns.rules[rule]
+        found = (self._find(predicates, a, b) for a in self.things for b in others)
+        return rows(found, self.none).reshape(len(self.things), len(others), -1)
+
+    def _about_each(self, predicates: Sequence[str]) -> Array:
+        return rows((self._find(predicates, name) for name in self.things), self.none)
+
+    def _find(self, predicates: Sequence[str], *arguments: str) -> tuple[int, ...]:
+        mask = self._rules.world.table.mask((p, *arguments) for p in predicates)
+        return self._rules.atoms_of(mask)
+
+
+def _two_columns(found: Sequence[Sequence[int]]) -> Array:
+    return jnp.asarray(np.array(found, np.int32).reshape(-1, 2))
+
+
 class PutBack:
     """Returns things to where they were at the beginning of the task.
 
@@ -57,76 +151,15 @@ class PutBack:
     """
 
     def __init__(self, rules: CompiledRules, shift: ShiftRules, mentions: Array) -> None:
-        returns, self._mentions, self.objects = shift.returns, mentions, len(rules.object)
-        self._atoms = len(rules.encoding.atoms)
-        # All objects of the problem are there from the beginning: nothing can be created.
-        names = sorted(returns.homes)
-        self._things = ints(rules.object[name] for name in names)
-        stations = [station.name for station in returns.stations]
-        self._stations = ints(rules.object[name] for name in stations)
-        self.discarding = len(shift.discarding)
+        names = _Numbers(rules, shift.returns)
         surfaces = [*shift.discarding.values(), *shift.serving.values()]
-        self.surfaces = len(surfaces)
-        types = {o.name: o.type for o in rules.encoding.objects}
-        kinds = sorted({types[name] for name in names})
-        table = rules.world.table
-        related = [
-            (number, [names.index(n) for n in arguments if n in names], arguments)
-            for number, (_, *arguments) in enumerate(rules.encoding.atoms)
-        ]
-        pairs = [(n, i, j) for n, found, _ in related for i in found for j in found if i != j]
-        places = [
-            (n, stations.index(station), i)
-            for n, found, arguments in related
-            for station in arguments
-            if station in stations
-            for i in found
-        ]
-        by_type = [name for kind in kinds for name in table.by_type[kind] if name in names]
-
-        def atoms(predicates: list[str], *arguments: str) -> tuple[int, ...]:
-            return rules.atoms_of(table.mask((p, *arguments) for p in predicates))
-
-        def block(predicates: list[str], others: list[str]) -> Array:
-            found = rows((atoms(predicates, a, b) for a in names for b in others), self._atoms)
-            return found.reshape(len(names), len(others), -1)
-
-        homes = [returns.homes[name] for name in names]
-        orders = [
-            [stations.index(s) for s in returns.stations_for(home)] if home else [-1]
-            for home in homes
-        ]
-        on_surface = [
-            [
-                next((i for bit, thing in surface.items() for i in rules.atoms_of(bit)
-                      if thing == name), self._atoms)
-                for name in names
-            ]
-            for surface in surfaces
-        ]  # fmt: skip
-        self._t = _Tables(
-            pair_atom=ints(n for n, _, _ in pairs),
-            pair=jnp.asarray(np.array([(i, j) for _, i, j in pairs], np.int32).reshape(-1, 2)),
-            place_atom=ints(n for n, _, _ in places),
-            place=jnp.asarray(np.array([(s, i) for _, s, i in places], np.int32).reshape(-1, 2)),
-            on_surface=rows(on_surface, self._atoms),
-            own=rows((rules.atoms_of(returns.own_facts(name)) for name in names), self._atoms),
-            order=rows(orders, -1),
-            here=block(returns.rules["shares_tile"], stations),
-            bottom=block(returns.rules["bottom_of_stack"], stations),
-            next=block(returns.rules["next_in_stack"], names),
-            top=rows((atoms(returns.rules["top_of_stack"], name) for name in names), self._atoms),
-            rank=ints(by_type.index(name) for name in names),
-            type=ints(kinds.index(types[name]) for name in names),
-            soils=rows((atoms(sorted(returns.soils), name) for name in names), self._atoms),
-        )
-        self._defaults = [
-            (
-                rows((atoms([predicate], name) for name in rules.object), self._atoms)[:, 0],
-                jnp.asarray([a[0] in (unless or ()) for a in rules.encoding.atoms]),
-            )
-            for predicate, unless in returns.defaults
-        ]
+        self._mentions, self.objects = mentions, len(rules.object)
+        self._atoms = names.none
+        self._things = ints(rules.object[name] for name in names.things)
+        self._stations = ints(rules.object[name] for name in names.stations)
+        self.discarding, self.surfaces = len(shift.discarding), len(surfaces)
+        self._t = names.tables(surfaces)
+        self._defaults = names.defaults()
 
     def things_at(self, surface: Array, atoms: Array) -> Array:
         """Return the things on a surface, with what is in or on them."""
