@@ -57,6 +57,32 @@ def test_progress_of_the_shaped_reward_is_zero_at_the_goal_alone() -> None:
     assert found[0] < found[-1]
 
 
+def test_starts_along_a_plan_end_one_step_before_the_goal() -> None:
+    from robotouille_jax.learning.starts import start_states
+
+    world = World("training/03@2")
+    states = start_states(world, "plan")
+    plan = read_plan("\n".join(load_certificate("training/03@2").plan), world)
+    assert states[0] == world.initial
+    assert len(states) == len(plan)
+    assert not any(state.goal_reached for state in states)
+    assert states[-1].step(plan.steps[-1]).state.goal_reached
+    assert start_states(world, "first") == [world.initial]
+
+
+def test_episodes_start_along_the_plan_and_at_last_in_the_first_state() -> None:
+    import jax
+    import jax.numpy as jnp
+
+    from robotouille_jax.learning.starts import REHEARSING, draw_origins
+
+    draw = jax.jit(draw_origins, static_argnums=(0, 3))
+    found = np.asarray(draw(6, jnp.float32(1), jax.random.key(1), 128))
+    assert set(found[::REHEARSING]) == {0}
+    assert set(found) == set(range(6))
+    assert not np.asarray(draw(6, jnp.float32(0.25), jax.random.key(1), 128)).any()
+
+
 def test_draws_follow_the_logits_and_never_take_an_invalid_action() -> None:
     import jax
     import jax.numpy as jnp
@@ -94,6 +120,7 @@ def test_curves_have_means_and_intervals_over_seeds(tmp_path: Path) -> None:
         (["training/03@2", "--algorithms", "ippo,qmix"], "unknown algorithm 'qmix'"),
         (["training/03@2", "--minibatches", "3"], "must be a multiple of minibatches, 3"),
         (["training/03@2", "--copies", "0"], "start at 1"),
+        (["workshop/02@2", "--starts", "plan"], "certificate"),
         (["shifts/06_rush_hour@2"], "does not support shifts in which objects are created"),
     ],
 )
@@ -109,12 +136,20 @@ def test_wrong_requests_get_one_line(
     assert not (tmp_path / "out").exists()
 
 
+def test_the_help_explains_each_option() -> None:
+    from robotouille_jax.learning.__main__ import _parser
+
+    assert all(action.help for action in _parser()._actions)
+    words = " ".join(_parser().format_help().split())
+    assert "steps of each copy between updates of the networks (default: 16)" in words
+
+
 @pytest.mark.slow
 def test_a_short_run_writes_curves_and_weights(tmp_path: Path) -> None:
     from robotouille_jax.learning.__main__ import main
 
-    sizes = "--copies 4 --rollout 4 --updates 5 --hidden 8 --minibatches 2 --seeds 1"
-    assert main(["training/03@2", "--out", str(tmp_path), "--horizon", "4", *sizes.split()]) == 0
+    sizes = "--horizon 4 --copies 4 --rollout 4 --updates 5 --hidden 8 --seeds 1"
+    assert main(["training/03@2", "--out", str(tmp_path), "--starts", "plan", *sizes.split()]) == 0
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == [
         "training_03_curves.csv",

@@ -5,20 +5,21 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from robotouille import RobotouilleError, World
-from robotouille_jax.learning.curves import RunCurves, draw, write_curves
 from robotouille_jax.learning.network import Networks
 from robotouille_jax.learning.ppo import Config, Curve, trainer
+from robotouille_jax.learning.results import Training, draw_results, write_results
+from robotouille_jax.learning.starts import FIRST, PLAN, start_states
 from robotouille_jax.learning.team_environment import TeamEnvironment
-from robotouille_jax.learning.weights import write_weights
 
 ALGORITHMS = ("ippo", "mappo")
 
@@ -27,44 +28,69 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Train runs of both algorithms side by side; write curves, weights and a picture."""
     asked = _parser().parse_args(arguments)
     try:
-        train(asked, Config(**{field.name: getattr(asked, field.name) for field in fields(Config)}))
+        config = Config(**{field.name: getattr(asked, field.name) for field in fields(Config)})
+        training = _training(asked, config)
+        networks, curve = train(training, asked.seconds)
+        table = write_results(training, networks, curve, asked.out)
+        if not asked.no_picture:
+            draw_results(table)
     except RobotouilleError as error:
         print(f"robotouille-train: {error}", file=sys.stderr)
         return 2
     return 0
 
 
-def train(asked: argparse.Namespace, config: Config) -> None:
-    """Train on a task and write the results into the folder `asked.out`."""
-    world = World(asked.task)
-    horizon = asked.horizon if world.shift is None else world.shift.steps
-    environment = TeamEnvironment(world, horizon, config.gamma, asked.shaping)
-    algorithms = _algorithms(asked.algorithms)
-    runs = len(algorithms) * asked.seeds
-    keys = jax.vmap(jax.random.key)(jnp.arange(runs) % asked.seeds)
-    central = jnp.array([name == "mappo" for name in algorithms for _ in range(asked.seeds)])
+def train(training: Training, seconds: float | None = None) -> tuple[Networks, Curve]:
+    """Train all runs side by side.
+
+    Args:
+        seconds: Time for which fewer rollouts are taken, if all of them would need more.
+
+    Returns:
+        The networks and the curves of all runs.
+    """
+    task, config = training.task, training.config
+    runs = len(training.algorithms) * training.seeds
+    keys = jax.vmap(jax.random.key)(jnp.arange(runs) % training.seeds)
+    central = jnp.array([name == "mappo" for name in training.algorithms]).repeat(training.seeds)
     device = jax.devices()[0]
-    print(f"{asked.task}: compiling for {device}, which can take minutes", flush=True)
+    print(f"{task}: compiling for {device}, which can take minutes", flush=True)
     began = time.perf_counter()
-    vmapped = jax.jit(jax.vmap(trainer(environment, config), in_axes=(0, 0, None)))
-    run = vmapped.lower(keys, central, jnp.int32(0)).compile()
-    print(f"{asked.task}: {device}, compiled in {time.perf_counter() - began:.1f} s")
-    updates = config.updates
-    if asked.seconds:
+    vmapped = jax.jit(jax.vmap(trainer(training.environment, config), in_axes=(0, 0, None)))
+    compiled = vmapped.lower(keys, central, jnp.int32(0)).compile()
+    print(f"{task}: {device}, compiled in {time.perf_counter() - began:.1f} s", flush=True)
+
+    def run(updates: int) -> tuple[Any, float]:
         began = time.perf_counter()
-        jax.block_until_ready(run(keys, central, jnp.int32(3)))
-        each = (time.perf_counter() - began) / 3
-        updates = max(1, min(updates, int(asked.seconds / each)))
-        print(f"{asked.task}: {each:.3f} s for a rollout of all runs; taking {updates}")
-    began = time.perf_counter()
-    networks, curve = jax.block_until_ready(run(keys, central, jnp.int32(updates)))
-    seconds = time.perf_counter() - began
+        found = jax.block_until_ready(compiled(keys, central, jnp.int32(updates)))
+        return found, time.perf_counter() - began
+
+    updates = config.updates if seconds is None else _affordable(run, config.updates, seconds)
+    (networks, curve), took = run(updates)
     steps = config.copies * config.rollout * updates
     print(
-        f"{asked.task}: {runs} runs of {steps} joint steps in {seconds:.1f} s, "
-        f"{runs * steps / seconds:.0f} steps/s"
+        f"{task}: {runs} runs of {steps} joint steps in {took:.1f} s, "
+        f"{runs * steps / took:.0f} steps/s"
     )
-    _write(asked, world, environment, config, networks, _first(curve, updates), algorithms)
+    return networks, Curve(*(np.asarray(values[:, :updates], np.float64) for values in curve))
+
+
+def _affordable(run: Callable[[int], tuple[Any, float]], most: int, seconds: float) -> int:
+    """Return the number of rollouts that fit into a time, after a trial of three."""
+    each = run(3)[1] / 3
+    updates = max(1, min(most, int(seconds / each)))
+    print(f"{each:.3f} s for a rollout of all runs; taking {updates}")
+    return updates
+
+
+def _training(asked: argparse.Namespace, config: Config) -> Training:
+    algorithms = _algorithms(asked.algorithms)
+    world = World(asked.task)
+    horizon = asked.horizon if world.shift is None else world.shift.steps
+    environment = TeamEnvironment(
+        world, horizon, config.gamma, asked.shaping, start_states(world, asked.starts)
+    )
+    return Training(asked.task, world, environment, config, algorithms, asked.seeds)
 
 
 def _algorithms(text: str) -> list[str]:
@@ -75,40 +101,6 @@ def _algorithms(text: str) -> list[str]:
             f"--algorithms: unknown algorithm {wrong[0]!r} (possible: {', '.join(ALGORITHMS)})"
         )
     return found
-
-
-def _first(curve: Curve, updates: int) -> Curve:
-    return Curve(*(np.asarray(values[:, :updates], np.float64) for values in curve))
-
-
-def _write(
-    asked: argparse.Namespace, world: World, environment: TeamEnvironment, config: Config,
-    networks: Networks, curve: Curve, algorithms: Sequence[str],
-) -> None:  # fmt: skip
-    asked.out.mkdir(parents=True, exist_ok=True)
-    stem = world.task.name.split("/")[0][:8] + "_" + world.task.name.split("/")[-1][:2]
-    measures = curve._asdict()
-    for name in ("goals", "steps", "progress") if world.shift is not None else ("score",):
-        del measures[name]
-    points = np.arange(1.0, len(curve.goals[0]) + 1) * config.copies * config.rollout
-    all_curves = []
-    for i, algorithm in enumerate(algorithms):
-        own = slice(i * asked.seeds, (i + 1) * asked.seeds)
-        parts = {name: values[own] for name, values in measures.items()}
-        all_curves.append(RunCurves(asked.task, algorithm.upper(), points, parts))
-        for seed in range(asked.seeds):
-            actor = jax.tree.map(lambda x, run=own.start + seed: x[run], networks.actor)
-            name = f"{stem}_{algorithm}_{seed}"
-            write_weights(asked.out / f"{name}.npz", world, environment.views, actor, name)
-        for name, values in parts.items():
-            # No episode may have ended, or none at the goal.
-            ends = (run[~np.isnan(run)] for run in values[:, -10:])
-            last = [run.mean() if len(run) else np.nan for run in ends]
-            print(f"{asked.task}: {algorithm} last 10 rollouts, {name}: {np.round(last, 3)}")
-    table = asked.out / f"{stem}_curves.csv"
-    write_curves(table, all_curves)
-    if not asked.no_picture:
-        draw(asked.out / f"{stem}_curves.png", [table])
 
 
 def _positive(text: str) -> int:
@@ -122,14 +114,24 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser("robotouille-train", description=main.__doc__)
     parser.add_argument("task", help="a task with its seats, as in training/03@2")
     parser.add_argument("--out", type=Path, required=True, help="folder for the results")
-    parser.add_argument("--algorithms", default="ippo,mappo", help="ippo, mappo or both")
-    parser.add_argument("--seeds", type=_positive, default=5, help="runs of each algorithm")
-    parser.add_argument("--horizon", type=_positive, default=50, help="longest episode")
-    parser.add_argument("--shaping", type=float, default=1.0, help="weight of the shaped reward")
+
+    def option(name: str, default: Any, help: str, **how: Any) -> None:
+        parser.add_argument(name, default=default, help=f"{help} (default: {default})", **how)
+
+    option("--algorithms", "ippo,mappo", "ippo, mappo or both")
+    option("--seeds", 5, "runs of each algorithm", type=_positive)
+    option("--horizon", 50, "longest episode; a shift has its own length", type=_positive)
+    option("--shaping", 1.0, "weight of the shaped reward; 0 leaves the sparse one", type=float)
+    option(
+        "--starts", FIRST, "first: episodes start in the task's first state; plan: in all states "
+        "along its certified plan (in a shift, of a game of planner bots), and later in the first",
+        choices=(FIRST, PLAN),
+    )  # fmt: skip
+    for field in fields(Config):
+        how = field.metadata["help"]
+        option(f"--{field.name}", field.default, how, type=type(field.default))
     parser.add_argument("--seconds", type=float, help="take fewer rollouts to need at most this")
     parser.add_argument("--no-picture", action="store_true", help="do without Matplotlib")
-    for field in fields(Config):
-        parser.add_argument(f"--{field.name}", type=type(field.default), default=field.default)
     return parser
 
 

@@ -7,8 +7,8 @@ The difference is a traced value, so that runs of both are compiled once and run
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -16,43 +16,40 @@ import optax
 
 from robotouille.errors import WrongArgumentError
 from robotouille_jax.learning.network import Layers, Networks, networks, output
+from robotouille_jax.learning.starts import draw_origins
 from robotouille_jax.learning.team_environment import Copies, Outcome, Seen, TeamEnvironment
 from robotouille_jax.padded import Array
+
+Number = TypeVar("Number", int, float)
 
 PRIMES = (1013, 2027, 4051, 7919)
 MAX_ROLLOUT = 2**32 // max(PRIMES)
 """Largest number of steps of a rollout. More steps could not be mixed with 32-bit numbers."""
 
 
+def _option(default: Number, meaning: str) -> Number:
+    option: Number = field(default=default, metadata={"help": meaning})
+    return option
+
+
 @dataclass(frozen=True)
 class Config:
     """Hyperparameters. The defaults suit a CPU; GPUs can play far more copies.
 
-    Attributes:
-        copies: Copies of the task that a run plays at once.
-        rollout: Steps of each copy between updates of the networks.
-        updates: Largest number of rollouts; each is followed by an update of the networks.
-        epochs: Passes over each rollout.
-        minibatches: Parts of a pass.
-        hidden: Width of the hidden layers.
-        rate: First learning rate, which falls to 0.
-        gamma: Discount.
-        lam: Decay of generalised advantage estimation.
-        clip: Range of the clipped ratio.
-        entropy: First weight of the entropy bonus, which falls to 0.
+    The command's help is the meaning of each one.
     """
 
-    copies: int = 32
-    rollout: int = 16
-    updates: int = 600
-    epochs: int = 3
-    minibatches: int = 2
-    hidden: int = 64
-    rate: float = 1e-3
-    gamma: float = 0.97
-    lam: float = 0.95
-    clip: float = 0.2
-    entropy: float = 0.02
+    copies: int = _option(32, "copies of the task that a run plays at once")
+    rollout: int = _option(16, "steps of each copy between updates of the networks")
+    updates: int = _option(300, "largest number of rollouts, each followed by an update")
+    epochs: int = _option(1, "passes over each rollout")
+    minibatches: int = _option(4, "parts of a pass")
+    hidden: int = _option(64, "width of the two hidden layers")
+    rate: float = _option(1e-3, "first learning rate, which falls to 0")
+    gamma: float = _option(0.97, "discount of a step")
+    lam: float = _option(0.95, "decay of generalised advantage estimation")
+    clip: float = _option(0.2, "range of the clipped ratio of probabilities")
+    entropy: float = _option(0.05, "first weight of the entropy bonus, which falls to 0")
 
     def __post_init__(self) -> None:
         """Check the sizes.
@@ -80,7 +77,10 @@ class Config:
 
 
 class Curve(NamedTuple):
-    """Means over the episodes that ended in a rollout; not a number if none ended."""
+    """Means over the episodes from the task's first state that ended in a rollout.
+
+    They are not a number if none ended.
+    """
 
     goals: Array
     steps: Array
@@ -97,6 +97,18 @@ class Played(NamedTuple):
     value: Array
     next_value: Array
     outcome: Outcome
+
+
+class Samples(NamedTuple):
+    """Steps of a rollout from which the networks learn, with one row for each joint step."""
+
+    own: Array
+    masks: Array
+    critic: Array
+    actions: Array
+    log_probability: Array
+    advantage: Array
+    target: Array
 
 
 class _Learner(NamedTuple):
@@ -147,12 +159,14 @@ class _Trainer:
 
     def train(self, key: Array, central: Array, updates: Array) -> tuple[Networks, Curve]:
         env, config = self._env, self._config
-        key, first, second = jax.random.split(key, 3)
+        key, first, second, third = jax.random.split(key, 4)
         nets = networks(first, env.inputs, config.hidden, env.actions)
-        copies = env.start(config.copies)
+        origin = draw_origins(env.starts, jnp.float32(1), third, config.copies)
+        copies = env.start(origin)
         # Copies that all start at once would end at once, and a rollout would see few situations.
-        time = jax.random.randint(second, (config.copies,), 0, env.horizon)
-        start = _Learner(nets, self._optimiser.init(nets), copies._replace(time=time), key)
+        late = jax.random.randint(second, (config.copies,), 0, env.horizon)
+        copies = copies._replace(time=late, origin=jnp.full_like(late, -1))
+        start = _Learner(nets, self._optimiser.init(nets), copies, key)
 
         def update(number: Array, both: tuple[_Learner, Curve]) -> tuple[_Learner, Curve]:
             learner, curve = both
@@ -165,42 +179,46 @@ class _Trainer:
 
     def _update(self, learner: _Learner, left: Array, central: Array) -> tuple[_Learner, Curve]:
         key, rolling, mixing = jax.random.split(learner.key, 3)
-        copies, played = self._rollout(learner.networks, learner.copies, rolling, central)
-        advantages = self._advantages(played)
-        targets = advantages + played.value
-        rows = (
+        copies, played = self._rollout(learner, left, rolling, central)
+        nets, optimiser = self._learn(learner, self._samples(played, central), mixing, left)
+        return _Learner(nets, optimiser, copies, key), _curve(played.outcome)
+
+    def _rollout(
+        self, learner: _Learner, left: Array, key: Array, central: Array
+    ) -> tuple[Copies, Played]:
+        env, nets = self._env, learner.networks
+
+        def play(copies: Copies, key: Array) -> tuple[Copies, Played]:
+            acting, starting = jax.random.split(key)
+            seen = env.seen(copies.states)
+            values = logits(nets.actor, seen.own, seen.masks)
+            actions = drawn(values, acting)
+            chosen = _log_probability(values, actions)
+            value = output(nets.critic, _critic_input(seen, central))[..., 0]
+            origin = draw_origins(env.starts, left, starting, len(copies.time))
+            copies, outcome, after = env.step(copies, actions, origin)
+            next_value = output(nets.critic, _critic_input(after, central))[..., 0]
+            return copies, Played(seen, actions, chosen, value, next_value, outcome)
+
+        played: tuple[Copies, Played] = jax.lax.scan(
+            play, learner.copies, jax.random.split(key, self._config.rollout)
+        )
+        return played
+
+    def _samples(self, played: Played, central: Array) -> Samples:
+        advantage = self._advantages(played)
+        samples = Samples(
             played.seen.own,
             played.seen.masks,
             _critic_input(played.seen, central),
             played.actions,
             played.log_probability,
-            advantages,
-            targets,
+            advantage,
+            advantage + played.value,
         )
         size = self._config.rollout * self._config.copies
-        rows = jax.tree.map(lambda x: x.reshape(size, *x.shape[2:]), rows)
-        nets, optimiser = self._learn(learner, rows, mixing, left)
-        return _Learner(nets, optimiser, copies, key), _curve(played.outcome)
-
-    def _rollout(
-        self, nets: Networks, copies: Copies, key: Array, central: Array
-    ) -> tuple[Copies, Played]:
-        env = self._env
-
-        def play(copies: Copies, key: Array) -> tuple[Copies, Played]:
-            seen = env.seen(copies.states)
-            values = logits(nets.actor, seen.own, seen.masks)
-            actions = drawn(values, key)
-            chosen = _log_probability(values, actions)
-            value = output(nets.critic, _critic_input(seen, central))[..., 0]
-            copies, outcome, after = env.step(copies, actions)
-            next_value = output(nets.critic, _critic_input(after, central))[..., 0]
-            return copies, Played(seen, actions, chosen, value, next_value, outcome)
-
-        played: tuple[Copies, Played] = jax.lax.scan(
-            play, copies, jax.random.split(key, self._config.rollout)
-        )
-        return played
+        flat: Samples = jax.tree.map(lambda x: x.reshape(size, *x.shape[2:]), samples)
+        return flat
 
     def _advantages(self, played: Played) -> Array:
         """Return generalised advantages; episodes cut by the time limit go on by their value."""
@@ -217,12 +235,10 @@ class _Trainer:
             back, jnp.zeros_like(surprise[0]), (surprise, decay), reverse=True
         )[1]  # fmt: skip
 
-    def _learn(
-        self, learner: _Learner, rows: tuple[Array, ...], key: Array, left: Array
-    ) -> _Learned:
+    def _learn(self, learner: _Learner, samples: Samples, key: Array, left: Array) -> _Learned:
         config = self._config
 
-        def step(both: _Learned, part: tuple[Array, ...]) -> tuple[_Learned, None]:
+        def step(both: _Learned, part: Samples) -> tuple[_Learned, None]:
             nets, optimiser = both
             gradient = jax.grad(self._loss)(nets, part, left)
             change, optimiser = self._optimiser.update(gradient, optimiser)
@@ -230,25 +246,23 @@ class _Trainer:
             return (optax.apply_updates(nets, change), optimiser), None
 
         def epoch(both: _Learned, key: Array) -> tuple[_Learned, None]:
-            order = _shuffled(len(rows[0]), key).reshape(config.minibatches, -1)
-            parts = jax.tree.map(lambda x: x[order], rows)
+            order = _shuffled(len(samples.own), key).reshape(config.minibatches, -1)
+            parts = jax.tree.map(lambda x: x[order], samples)
             return jax.lax.scan(step, both, parts)[0], None
 
         keys = jax.random.split(key, config.epochs)
         both: _Learned = jax.lax.scan(epoch, (learner.networks, learner.optimiser), keys)[0]
         return both
 
-    def _loss(self, nets: Networks, part: tuple[Array, ...], left: Array) -> Array:
-        own, masks, critic, actions, before, advantages, targets = part
-        values = logits(nets.actor, own, masks)
-        now = _log_probability(values, actions)
-        ratio = jnp.exp(now - before)
-        advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+    def _loss(self, nets: Networks, part: Samples, left: Array) -> Array:
+        values = logits(nets.actor, part.own, part.masks)
+        ratio = jnp.exp(_log_probability(values, part.actions) - part.log_probability)
+        advantage = (part.advantage - part.advantage.mean()) / (part.advantage.std() + 1e-8)
         clipped = jnp.clip(ratio, 1 - self._config.clip, 1 + self._config.clip)
-        policy = -jnp.minimum(ratio * advantages, clipped * advantages).mean()
-        value = jnp.square(output(nets.critic, critic)[..., 0] - targets).mean()
+        policy = -jnp.minimum(ratio * advantage, clipped * advantage).mean()
+        value = jnp.square(output(nets.critic, part.critic)[..., 0] - part.target).mean()
         logs = jax.nn.log_softmax(values)
-        entropy = -jnp.sum(jnp.exp(logs) * jnp.where(masks, logs, 0.0), axis=-1).mean()
+        entropy = -jnp.sum(jnp.exp(logs) * jnp.where(part.masks, logs, 0.0), axis=-1).mean()
         return policy + 0.5 * value - self._config.entropy * left * entropy
 
 
@@ -273,7 +287,8 @@ def _log_probability(values: Array, actions: Array) -> Array:
 
 
 def _curve(outcome: Outcome) -> Curve:
-    ended, goal = outcome.ended, outcome.goal
+    ended = outcome.ended & (outcome.origin == 0)
+    goal = outcome.goal & ended
     return Curve(
         goal.sum() / ended.sum(),
         jnp.where(goal, outcome.steps, 0).sum() / goal.sum(),

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 from robotouille_jax.engine import CopyState
 from robotouille_jax.jax_batch import JaxBatch
 from robotouille_jax.learning.views import views
@@ -16,11 +17,16 @@ from robotouille_jax.padded import Array
 
 
 class Copies(NamedTuple):
-    """States of all copies, with the steps and the sparse return of the running episodes."""
+    """States of all copies, with the steps and the sparse return of the running episodes.
+
+    Attributes:
+        origin: Number of the state in which the episode started; -1 if its curve would mislead.
+    """
 
     states: CopyState
     time: Array
     score: Array
+    origin: Array
 
 
 class Seen(NamedTuple):
@@ -48,6 +54,7 @@ class Outcome(NamedTuple):
         steps: Steps of the episode so far.
         score: Sum of the episode's rewards without shaping.
         progress: Share of the goal's conditions that hold; not a number without shaping.
+        origin: Number of the state in which the episode started.
     """
 
     reward: Array
@@ -57,6 +64,7 @@ class Outcome(NamedTuple):
     steps: Array
     score: Array
     progress: Array
+    origin: Array
 
 
 class TeamEnvironment:
@@ -67,15 +75,28 @@ class TeamEnvironment:
         horizon: Longest episode.
         gamma: Discount of the shaped reward.
         shaping: Weight of the shaped reward; 0 leaves the sparse one.
+        starts: States in which episodes can start, in the order of a plan. An episode that starts
+            later in the plan has fewer steps left. By default, all start in the initial state.
 
     Attributes:
         inputs: Length of an input of the networks.
         actions: Number of outputs of an actor: the actions of a seat, and doing nothing.
         seats: Number of seats.
+        starts: Number of states in which episodes can start.
     """
 
-    def __init__(self, world: World, horizon: int, gamma: float, shaping: float) -> None:
-        batch = JaxBatch(world, 1)
+    def __init__(
+        self,
+        world: World,
+        horizon: int,
+        gamma: float,
+        shaping: float,
+        starts: Sequence[State] = (),
+    ) -> None:
+        batch = JaxBatch(world, max(1, len(starts)))
+        for number, state in enumerate(starts):
+            batch.set_state(number, state)
+        self._starts, self.starts = batch.states, batch.copies
         self._engine = engine = batch.engine
         self.horizon, self._gamma, self._shaping = horizon, gamma, shaping
         self.views = views(batch.encoding, world.players)
@@ -91,12 +112,11 @@ class TeamEnvironment:
         self._step = jax.vmap(engine.step)
         self._potential = jax.vmap(engine.potential)
 
-    def start(self, copies: int) -> Copies:
-        """Return copies in the initial state."""
-        states = jax.tree.map(
-            lambda array: jnp.repeat(array[None], copies, axis=0), self._engine.initial
-        )
-        return Copies(states, jnp.zeros(copies, jnp.int32), jnp.zeros(copies))
+    def start(self, origin: Array) -> Copies:
+        """Return copies whose episodes start in the states with these numbers."""
+        states = jax.tree.map(lambda array: array[origin], self._starts)
+        time = origin * self.horizon // self.starts
+        return Copies(states, time, jnp.zeros(len(origin)), origin)
 
     def seen(self, states: CopyState) -> Seen:
         """Return what the networks see."""
@@ -111,8 +131,11 @@ class TeamEnvironment:
             jnp.stack([self._mask(states, seat) for seat in range(self.seats)], axis=1),
         )
 
-    def step(self, copies: Copies, actions: Array) -> tuple[Copies, Outcome, Seen]:
+    def step(self, copies: Copies, actions: Array, origin: Array) -> tuple[Copies, Outcome, Seen]:
         """Take a joint step; copies whose episode ends start a new one.
+
+        Args:
+            origin: For each copy, the number of the state in which a new episode would start.
 
         Returns:
             The copies, the result of the step, and what the networks see after it, before new
@@ -132,14 +155,14 @@ class TeamEnvironment:
             time,
             score,
             progress,
+            copies.origin,
         )
-        new = self.start(len(time))
         chosen = jax.tree.map(
             lambda first, second: jnp.where(
                 ended.reshape(-1, *[1] * (first.ndim - 1)), first, second
             ),
-            new,
-            Copies(states, time, score),
+            self.start(origin),
+            Copies(states, time, score, copies.origin),
         )
         return chosen, outcome, self.seen(states)
 
