@@ -13,12 +13,14 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
+from robotouille import State, UnknownNameError
 from robotouille.certification.certificate import Deadline
 from robotouille.domain.rendering import rendering_of
 from robotouille.protocol.states import StateReader
-from robotouille.replay.container import compress
+from robotouille.replay.container import MAGIC, compress, pack_frame, read_frames
 from robotouille.replay.controllers import seatings
 from robotouille.replay.recording import Recording
+from robotouille.web import recording_page
 from robotouille.web.recording_page import (
     labels,
     page_data,
@@ -295,3 +297,24 @@ def test_the_page_never_replaces_a_recording(tmp_path: Path) -> None:
 def test_page_uses_only_files_of_the_package() -> None:
     for name in ("index.html", "boot.js", "replay.css"):
         assert (STATIC / "replay" / name).is_file()
+
+
+def test_texts_without_an_action_are_read_up_to_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each takes a millisecond, and a recording can have 300,000."""
+    stream = recorded_game("synchronous/01", steps=5)
+    recording, (head, start, *others) = Recording(stream), read_frames(stream)
+    note = {"note": "rejected", "t": 0, "player": "robot1", "seq": 1, "action": "fly",
+            "reasons": ["no"]}  # fmt: skip
+    frames = (head, start, {"kind": "notes", "notes": [note] * 9}, *others)
+    forged = Recording(MAGIC + b"".join(map(pack_frame, frames)))
+    forged.world, parsed = recording.world, []
+
+    def parse(state: State, player: str, text: str, **_: object) -> None:
+        parsed.append(text)
+        raise UnknownNameError(text)
+
+    monkeypatch.setattr(forged.world, "parse", parse)
+    monkeypatch.setattr(recording_page, "MAX_UNREAD", 4)
+    (row,) = page_data([("game", forged)])["recordings"]
+    assert len(parsed) == 4
+    assert [told[4] for told in row["log"] if told[2] == "rejected"] == ["fly"] * 9

@@ -46,6 +46,9 @@ DELTA = ("objects", "atoms", "add", "remove", "timers", "busy", "orders")
 """Fields of a recorded step that a delta has."""
 LETTERS = dict(zip(Activity, "sxabwi", strict=True))
 """Letter of each activity. An unknown one has `?`."""
+MAX_UNREAD = 2_000
+"""Rejected texts without an action after which no more are read. Each takes a millisecond, and a
+recording can have 300,000."""
 EXPANSIONS = 500
 """Search budget of one plan for the steps to go."""
 
@@ -216,6 +219,7 @@ class _Reading:
         self._seated: dict[str, tuple[str, str]] = {}
         self._reader: StateReader | None = None
         self._snapshot: dict[str, Any] = {}
+        self._unread = 0
         self._time = 0
         self._times = [0]
         self._lanes: dict[str, list[str]] = {player: [] for player in self._players}
@@ -412,9 +416,12 @@ class _Reading:
 
     def _parsed(self, note: Mapping[str, Any], state: State) -> int | str:
         """Return the number of a rejected action, or its text if it names none."""
+        if self._unread >= MAX_UNREAD:
+            return str(note["action"])
         try:
             found = self._recording.world.parse(state, note["player"], note["action"], valid=False)
         except RobotouilleError:
+            self._unread += 1
             return str(note["action"])
         return self._action((found.name, *found.arguments))
 
