@@ -234,6 +234,7 @@ class Client:
         view: messages.View = "state",
         ready: bool = True,
         agent: str = "",
+        partial: bool = False,
     ) -> Game:
         """Join an episode by code, and return once its state or text has arrived.
 
@@ -246,10 +247,12 @@ class Client:
                 feature start anyway.
             agent: Description of the program that plays, with its version and settings, in at most
                 200 characters. It is recorded and not shown to others.
+            partial: True if the program can play with a part of the state: see `Game.hidden`.
 
         Raises:
             UntrustedRedirectError: The episode is on another host.
-            ProtocolError: `episode/unknown`, `episode/full`, `seat/taken` and others.
+            ProtocolError: `episode/unknown`, `episode/full`, `seat/taken`, `seat/partial` and
+                others.
             ValueError: The message does not allow one of the arguments.
         """
         wanted: Any = seats if isinstance(seats, str) else list(seats)
@@ -261,6 +264,7 @@ class Client:
             view=view,
             ready=ready,
             agent=agent,
+            partial=partial,
         )
         await self._ask(request, messages.Joined)
         if self.game is None:
@@ -289,18 +293,20 @@ class Client:
         before = self.game
         if before is None:
             raise ProtocolError(ErrorCode.EPISODE_NONE, "there is no game to play again")
-        code = before.rematch_code
+        code, partial = before.rematch_code, before.hidden is not None
         if not code:
             created = await self._ask(messages.Create(rematch=before.episode), messages.Created)
             code = created.code
         await self.leave()
         try:
             seats = before.own_seats
-            return await self.join(code, seats=seats, view=view, ready=ready, agent=agent)
+            return await self.join(
+                code, seats=seats, view=view, ready=ready, agent=agent, partial=partial
+            )
         except ProtocolError as error:
             if error.code != ErrorCode.SEAT_TAKEN:
                 raise
-            return await self.join(code, view=view, ready=ready, agent=agent)
+            return await self.join(code, view=view, ready=ready, agent=agent, partial=partial)
 
     async def rendering(self) -> messages.Rendering:
         """Return the rendering of the episode's task; it is empty for a shipped task.

@@ -57,11 +57,31 @@ def test_things_out_of_sight_show_nothing_that_changes(name: str, sight: Sight) 
     assert hidden_once
 
 
-def test_nothing_out_of_sight_seems_to_lie_on_itself() -> None:
+def test_players_are_offered_walks_to_hidden_stations_but_no_work_on_hidden_things() -> None:
     seen = seen_by(World("multi_agent/07@2").initial, "robot1", Sight(2))
     text = seen.text_view("robot1")
-    assert "Lift potato1 off potato1" not in text
-    assert "Make a cut in potato1" in text
+    assert {"potato1", "table8"} <= set(seen.hidden)
+    assert "to table8" in text
+    valid = {thing for action in seen.actions for thing in action.arguments}
+    assert "potato1" not in valid
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_what_a_player_can_be_sure_of_is_true(name: str) -> None:
+    world, sight = World(name), Sight(2, blocked=True)
+    for state in wandering(world, 20, seed=2):
+        for player in world.players:
+            seen = seen_by(state, player, sight)
+            assert (state.facts ^ seen.state.facts) & ~seen._doubtful == 0
+            assert not any(seen.unmet(action) for action in seen.actions)
+
+
+def test_several_players_see_what_any_of_them_sees() -> None:
+    state = World("multi_agent/01@3").initial
+    each = [seen_by(state, player, Sight(2)) for player in ("robot1", "robot3")]
+    both = seen_by(state, ["robot1", "robot3"], Sight(2))
+    assert both.things == each[0].things | each[1].things
+    assert both.actions_of("robot3") and both.actions == both.actions_of("robot1")
 
 
 def test_hidden_changes_do_not_change_what_is_seen() -> None:

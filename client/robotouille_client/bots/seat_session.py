@@ -37,12 +37,14 @@ REPORT_SECONDS = 0.5
 class TextBot(Protocol):
     """A bot that plays a game joined in a view with text.
 
-    `agent` describes it for recordings, in at most 200 characters.
+    `agent` describes it for recordings, in at most 200 characters. `partial` is true if it can play
+    with a part of the state.
     """
 
     kind: Kind
     view: View
     agent: str
+    partial: bool
 
     def opened(self) -> AbstractAsyncContextManager[Player]:
         """Return a context with the player.
@@ -88,7 +90,8 @@ async def play_seat(
     """
     if isinstance(bot, TextBot):
         async with bot.opened() as player:
-            return await _take_seat(request, player, _Joining(bot.view, bot.kind, bot.agent))
+            joining = _Joining(bot.view, bot.kind, bot.agent, bot.partial)
+            return await _take_seat(request, player, joining)
     if isinstance(bot, BotSetup):
         setup = bot
 
@@ -102,11 +105,15 @@ async def play_seat(
 
 @dataclass(frozen=True, slots=True)
 class _Joining:
-    """The view, the kind and the description with which a bot joins."""
+    """The view, the kind and the description with which a bot joins.
+
+    `partial` is true if the bot can play with a part of the state. Shipped bots plan on all of it.
+    """
 
     view: View = "state"
     kind: Kind = "bot"
     agent: str = ""
+    partial: bool = False
 
 
 async def _take_seat(request: SeatRequest, player: Player, joining: _Joining) -> Mapping[str, Any]:
@@ -158,7 +165,12 @@ async def _join(
         await _require_waiting_world(client, code)
     try:
         game = await client.join(
-            code, seat=request.seat, seats=seats, view=joining.view, agent=joining.agent
+            code,
+            seat=request.seat,
+            seats=seats,
+            view=joining.view,
+            agent=joining.agent,
+            partial=joining.partial,
         )
     except ProtocolError as error:
         raise _with_advice(error, seats) from None

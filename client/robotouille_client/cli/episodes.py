@@ -28,11 +28,11 @@ MAX_ROWS = 10_000
 MAX_CLOSES = 366 * 86_400
 UNITS = {"": 1, "s": 1, "m": 60, "h": 3600, "d": 86_400}
 NUMBERS = {
-    "seats": int, "max_steps": int, "seed": int, "step_rate": float, "move_budget": float,
-    "grace": float,
+    "seats": int, "max_steps": int, "seed": int, "sight": int, "step_rate": float,
+    "move_budget": float, "grace": float,
 }  # fmt: skip
 WORDS = ("task", "clock", "timing", "thinking", "absence", "substitute", "chat")
-COLUMNS = (*WORDS, *NUMBERS, "open_for", "phrases")
+COLUMNS = (*WORDS, *NUMBERS, "open_for", "phrases", "sight_blocked")
 GROUPS = ("label", "shown_as", "delay_ms", "participant")
 """Prefixes of columns `GROUP.NAME`, where NAME is a label or a player."""
 
@@ -156,11 +156,19 @@ def _fields(row: Mapping[str, str]) -> dict[str, Any]:
             treatments.setdefault(of, {})["delay_ms"] = _number(int, name, value)
         elif name == "open_for":
             fields[name] = seconds(value)
+        elif name == "sight_blocked":
+            fields[name] = _truth(name, value)
         elif name == "phrases":
             fields[name] = [phrase.strip() for phrase in value.split("|")]
         else:
             fields[name] = _number(NUMBERS[name], name, value) if name in NUMBERS else value
     return {**fields, **({"treatments": treatments} if treatments else {})}
+
+
+def _truth(name: str, value: str) -> bool:
+    if value.lower() not in ("true", "false"):
+        raise TableError(f"{name}: {value!r} is neither true nor false")
+    return value.lower() == "true"
 
 
 def _number(kind: type[int] | type[float], name: str, value: str) -> float:

@@ -297,7 +297,7 @@ class OpenGame:
         )
 
     def _observation(self, whole: bool) -> str | None:
-        text = self.game.state.text_view(self.game.seat)
+        text = self.game.text_view
         if not whole and (text == self._shown or self._busy_steps):
             return None
         self._shown = text
@@ -400,7 +400,7 @@ class OpenGame:
     def _at_its_end(self) -> bool:
         """True after the last step, when the outcome is about to arrive."""
         game = self.game
-        return game.state.goal_reached or game.step >= game.clock["max_steps"]
+        return game.goal_reached or game.step >= game.clock["max_steps"]
 
     async def _wait_for(self, done: Callable[[], bool], timeout: float) -> None:
         with contextlib.suppress(TimeoutError):

@@ -95,7 +95,7 @@ class OpenGames:
                 self.url, name=caller.name, kind="model", token=caller.token
             ).__aenter__()
             try:
-                game = await client.join(episode, seat=seat, role=role)
+                game = await client.join(episode, seat=seat, role=role, partial=True)
             except BaseException:
                 await client.close()
                 raise

@@ -49,7 +49,13 @@ def implied_join(game: GameReplica | None) -> messages.Join | None:
     view: messages.View = "text"
     if game.has_state:
         view = "state" if game.observation is None else "both"
-    return messages.Join(episode=game.episode, role=role, view=view, **seat_fields(game.own_seats))
+    return messages.Join(
+        episode=game.episode,
+        role=role,
+        view=view,
+        partial=game.hidden is not None,
+        **seat_fields(game.own_seats),
+    )
 
 
 def answer_behind(

@@ -19,6 +19,7 @@ from robotouille.protocol.error_codes import ErrorCode
 from robotouille.protocol.states import StateReader
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.signals import Intent, signal_from
+from robotouille.world.sight import Seen
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State, World, shared_world
 from robotouille_client.sansio.event_queue import EventQueue
@@ -97,6 +98,8 @@ class GameReplica:
         rematch_code: The code of the rematch, once a participant has asked for one.
         ended: True if no more events follow: the episode ended, or the client is out of it.
         farewell: The reason for `ended`.
+        hidden: The objects out of sight; None if the client receives the whole state. Otherwise
+            `state` has no facts about them, so it is not for simulation.
     """
 
     def __init__(self, joined: messages.Joined) -> None:
@@ -125,6 +128,7 @@ class GameReplica:
         self._repeatable = range(1, joined.said + 1)
         self.ended = False
         self.farewell = ""
+        self.hidden: frozenset[str] | None = None
         self._reader: StateReader | None = None
         self._observed: dict[str | None, ObservationReceived] = {}
         self._sent = SentActions(joined.seq)
@@ -161,8 +165,26 @@ class GameReplica:
 
     @property
     def actions(self) -> tuple[GroundAction, ...]:
-        """The valid actions of `seat`."""
-        return self.state.actions(self.seat) if self.seat else ()
+        """The valid actions of `seat`; with limited sight, those that seem valid."""
+        if self.hidden is None or self.seat is None:
+            return self.state.actions(self.seat) if self.seat else ()
+        return self._seen_state(self.hidden).actions_of(self.seat)
+
+    @property
+    def goal_reached(self) -> bool:
+        """True if the state reaches the goal; with limited sight, that is not known."""
+        return self.hidden is None and self.state.goal_reached
+
+    @property
+    def text_view(self) -> str:
+        """The state in words for `seat`, or for a spectator."""
+        if self.hidden is None or self.seat is None:
+            return self.state.text_view(self.seat)
+        return self._seen_state(self.hidden).text_view(self.seat)
+
+    def _seen_state(self, hidden: frozenset[str]) -> Seen:
+        things = frozenset(thing.name for thing in self.state.objects) - hidden
+        return Seen(self.state, things, self.own_seats)
 
     @property
     def running(self) -> bool:
@@ -431,6 +453,7 @@ class GameReplica:
         if not 0 <= message.step <= MAX_STEP:
             raise ProtocolError(ErrorCode.STATE_MISMATCH, f"invalid step {message.step}")
         self._reader = self._read_state(message)
+        self.hidden = None if message.hidden is None else frozenset(message.hidden)
         self._resyncing = False
         self.step, self.phase, self.turn = message.step, message.phase, message.turn
         self.seats, self.clock = self._checked_seats(message.seats), _checked(message.clock)
@@ -506,6 +529,8 @@ class GameReplica:
             self._resync()
             return
         self.step, self.turn = message.step, message.turn
+        if message.hidden is not None:
+            self.hidden = frozenset(message.hidden)
         self.left, self.step_time = None, now
         taken = TakenStep.of(message, self.world)
         self.seats = taken.tallied(self.seats)

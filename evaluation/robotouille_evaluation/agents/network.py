@@ -144,7 +144,7 @@ class NetworkAgent:
         It is empty until the observations of all seats have arrived.
         """
         game, free = self._game, {}
-        if game.has_state and (game.state.goal_reached or game.step >= game.clock["max_steps"]):
+        if game.has_state and (game.goal_reached or game.step >= game.clock["max_steps"]):
             return {}  # The episode is over, and the message that says so is on its way.
         for player, seat in self._seats.items():
             seen = game.observations.get(player)

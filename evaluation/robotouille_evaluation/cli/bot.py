@@ -80,6 +80,11 @@ class LanguageModelBot:
         )
 
     @property
+    def partial(self) -> bool:
+        """True if the bot can play with a part of the state: helpers plan on all of it."""
+        return self.options.helper is None
+
+    @property
     def agent(self) -> str:
         """The model, its parameters and the strategy, for recordings."""
         settings = {**self.model.parameters, "strategy": self.strategy, "seed": self.seed}

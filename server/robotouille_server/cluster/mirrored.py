@@ -138,6 +138,7 @@ class Updates:
         notices: The last announcements, and their times.
         packets: Reads what relays publish.
         lost: True from a gap until the next snapshot, which all spectators then receive.
+        limits_sight: True if players see a part of the kitchen.
     """
 
     def __init__(
@@ -154,6 +155,7 @@ class Updates:
         self.notices: deque[tuple[float, SharedMessage]] = deque(maxlen=KEPT_NOTICES)
         self.packets = PacketReader()
         self.lost = True
+        self.limits_sight = False
         self._add = add
         self._caught_up = caught_up
         self._lack = lack
@@ -259,6 +261,7 @@ class Updates:
             frame = SharedMessage(fields).frame(MSGPACK)
         if self.task is None:
             return
+        self.limits_sight = not {"sight", "sight_blocked"}.isdisjoint(fields["clock"])
         jumped = self.lost or fields["step"] != self.step
         self.lost = False
         self.step, self.phase = fields["step"], fields["phase"]

@@ -25,7 +25,7 @@ from robotouille_server.cluster.packets import (
     subject_of,
 )
 from robotouille_server.requests import AnswerLater, unheard
-from robotouille_server.rooms.membership import too_many_spectators
+from robotouille_server.rooms.membership import check_limited_sight, too_many_spectators
 from robotouille_server.rooms.participants.seat_limits import ChatLimits, DisplayNames
 from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.publishing.audience import Audience
@@ -307,6 +307,8 @@ class Mirror:
             raise ProtocolError("server/handover", message, "episode")
         if self.bans(session.id, session.participant):
             raise ProtocolError("episode/banned", "you were removed from this episode", "episode")
+        if self._updates.limits_sight:
+            check_limited_sight(session, request)
         if self.spectators_here >= max_spectators:
             raise too_many_spectators(max_spectators)
         away = [one for one in self._members if one.peer is None]

@@ -184,7 +184,7 @@ def _at(episode: Episode, player: str, index: int, basis: int | None) -> GroundA
     # chose.
     if basis != episode.step:
         raise ProtocolError("action/stale", _wrong_basis(basis, episode.step), "basis")
-    actions = episode.state.actions(player)
+    actions = episode.offered_actions(player)
     if index >= len(actions):
         message = f"there are {len(actions)} valid actions; no action has index {index}"
         raise ProtocolError("action/unknown", message, "action")

@@ -75,6 +75,8 @@ def _rules(request: messages.Create, settings: ServerSettings) -> Rules:
         "open_for": request.open_for,
         "chat": request.chat,
         "phrases": tuple(request.phrases) or None,
+        "sight": request.sight,
+        "sight_blocked": request.sight_blocked,
     }
     changes = {key: value for key, value in asked.items() if value is not None}
     rules = settings.rules().model_copy(update=changes)

@@ -23,6 +23,7 @@ from robotouille.episode.rules import (
     MaxSteps,
     MoveBudget,
     Rules,
+    SightDistance,
     StepRate,
     Substitute,
     Thinking,
@@ -110,6 +111,11 @@ class ServerSettings(BaseSettings):
         "planner",
         description="Bot that plays for an absent player with --absence bot: planner or random.",
     )
+    sight: SightDistance | None = Field(
+        None,
+        description="Number of tiles that players see in each direction. Default: no limit.",
+    )
+    sight_blocked: bool = Field(False, description="Hide from players what is behind stations.")
     recordings: Path = Field(Path("recordings"), description="Folder for recordings.")
     record: bool = Field(
         True, description="Record every episode. Without recordings, a restart ends all episodes."
@@ -348,6 +354,8 @@ class ServerSettings(BaseSettings):
             countdown=self.countdown,
             absence=self.absence,
             substitute=self.substitute,
+            sight=self.sight,
+            sight_blocked=self.sight_blocked,
         )
 
     @property

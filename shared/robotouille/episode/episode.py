@@ -156,6 +156,10 @@ class Episode:
         """Return the seat of a player."""
         return self.record.seat(player)
 
+    def offered_actions(self, player: str) -> tuple[GroundAction, ...]:
+        """Return the actions that are valid for all that a player sees."""
+        return self.record.offered_actions(player)
+
     @property
     def on_turn(self) -> str | None:
         """The only player who may act now; None without turns, or if no game is in progress."""
@@ -616,16 +620,18 @@ class Episode:
             raise ProtocolError(code, "signals are off in this episode", "intent")
         if fault := signal_fault(signal, player, record.state):
             raise ProtocolError("chat/target", fault, "target")
-        self._post(name, player, self._sentence(signal), now, signal)
+        self._post(name, player, self._sentence(signal, player), now, signal)
 
-    def _sentence(self, signal: Signal) -> str:
+    def _sentence(self, signal: Signal, player: str) -> str:
         if self._language is None:
             try:
                 self._language = language_of(self.world.task)
             except RobotouilleError:  # The rendering is gone, or has got faults.
                 self._language = NO_WORDS
         # Without the names of participants: exports without names keep this text.
-        return signal_text(signal, self.record.state, Wording(self.world, self._language))
+        # The sentence must not show the sender, or others, more than the sender sees.
+        seen = self.record.seen_state(player)
+        return signal_text(signal, seen, Wording(self.world, self._language))
 
     def _post(
         self, name: str, player: str, text: str, now: float, signal: Signal | None = None

@@ -32,8 +32,14 @@ from robotouille.episode.rules import NO_TREATMENT, Rules, SeatTreatment
 from robotouille.episode.seats import ActionAnswer, Seat, count_step, names_of
 from robotouille.episode.tallies import SeatTally
 from robotouille.errors import ProtocolError
+from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.objects import Atom
+from robotouille.world.sight import Seen, Sight, seen_by, told
+from robotouille.world.unmet import Unmet
 from robotouille.world.world import State, World
+
+KEPT_STATES = 2
+"""Number of states whose visible parts the record keeps: the states before and after a step."""
 
 RandomReversal = Callable[[State], Sequence[Atom]]
 """Function that chooses which facts of a state after a step become false again by chance."""
@@ -60,6 +66,7 @@ class EpisodeRecord:
     """
 
     __slots__ = (
+        "_seen",
         # Slots and shared objects brought a room of two from 137 to 52 KiB (docs/decisions/0019).
         "audience_quota",
         "banned",
@@ -72,6 +79,7 @@ class EpisodeRecord:
         "rules",
         "said",
         "seats",
+        "sight",
         "started",
         "starts_at",
         "state",
@@ -90,6 +98,8 @@ class EpisodeRecord:
     ) -> None:
         self.world = world
         self.rules = rules
+        self.sight = rules.limited_sight
+        self._seen: list[tuple[State, dict[tuple[str, ...], Seen]]] = []
         self.random_reversal = random_reversal
         self.state: State = world.initial
         self.step = 0
@@ -318,8 +328,9 @@ class EpisodeRecord:
         self.state = result.state.without(undone) if undone else result.state
         for move, attempt in zip(moves, result.attempts, strict=True):
             if move.seq > 0:  # Number 0: a substitute's move, which nobody waits to hear about.
-                seat, reasons = self.seats[move.player], attempt.reasons
-                seat.answer = ActionAnswer(move.seq, self.step, () if attempt.applied else reasons)
+                seat = self.seats[move.player]
+                unmet = self.told_in_step(seat.player, attempt.unmet, before, self.state)
+                seat.answer = ActionAnswer(move.seq, self.step, tuple(map(str, unmet)))
                 seat.tally.rejected += not attempt.applied
         busy = [player for player, _ in before.timers.busy]
         count_step(self.seats.values(), busy, moves, result.attempts, turn, waits)
@@ -354,6 +365,48 @@ class EpisodeRecord:
             player = seat.player
             if not self.clock.scheduled or player in moved or player in busy:
                 seat.asked_at = ran
+
+    # Sight
+
+    def seen(self, state: State, players: tuple[str, ...], sight: Sight) -> Seen:
+        """Return what some players see of a state together; the last results are kept."""
+        kept = next((each for known, each in self._seen if known is state), None)
+        if kept is None:
+            kept = {}
+            self._seen = [*self._seen[-(KEPT_STATES - 1) :], (state, kept)]
+        if players not in kept:
+            kept[players] = seen_by(state, players, sight)
+        return kept[players]
+
+    def seen_state(self, player: str) -> State:
+        """Return the part of the state that a player sees."""
+        if self.sight is None:
+            return self.state
+        return self.seen(self.state, (player,), self.sight).state
+
+    def offered_actions(self, player: str) -> tuple[GroundAction, ...]:
+        """Return the actions that are valid for all that a player sees."""
+        if self.sight is None:
+            return self.state.actions(player)
+        return self.seen(self.state, (player,), self.sight).actions
+
+    def unmet(self, player: str, action: GroundAction) -> tuple[Unmet, ...]:
+        """Return the reasons against a player's action now, as far as the player sees them."""
+        if self.sight is not None:
+            # Otherwise a player could find out about hidden things by requests that cost no step.
+            return self.seen(self.state, (player,), self.sight).unmet(action)
+        if self.world.applicable(self.state, action):
+            return ()
+        return self.world.unmet(self.state, action)
+
+    def told_in_step(
+        self, player: str, unmet: tuple[Unmet, ...], before: State, after: State
+    ) -> tuple[Unmet, ...]:
+        """Return the reasons against an action in a step that its player may learn."""
+        if self.sight is None or not unmet:
+            return unmet
+        things = self.seen(before, (player,), self.sight).things
+        return told(unmet, things & self.seen(after, (player,), self.sight).things)
 
     # Events and quotas
 

@@ -16,6 +16,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from robotouille.episode.lifecycle import Absence
+from robotouille.world.sight import Sight
 
 MOVE_BUDGET = 300.0
 """Default seconds for a move in an episode with several seats."""
@@ -40,6 +41,7 @@ Grace = Annotated[float, Field(ge=0, le=86_400)]
 Thinking = Literal["wall", "declared"]
 Substitute = Literal["planner", "random"]
 Countdown = Annotated[float, Field(ge=0, le=60)]
+SightDistance = Annotated[int, Field(ge=1, le=1_000)]
 OpenFor = Annotated[float, Field(ge=60, le=90 * 86_400)]
 # All phrases are in `rules`, which every snapshot sends.
 MAX_LABELS = 16
@@ -114,6 +116,8 @@ class Rules(BaseModel):
             person plays.
         chat: The permitted chat messages.
         phrases: The permitted messages if `chat` is `phrases`.
+        sight: Number of tiles that a player sees in each direction. None: no limit.
+        sight_blocked: True if stations hide what is behind them.
     """
 
     # Frozen, because the clock copies values at the start, and the recording's header has them.
@@ -131,16 +135,25 @@ class Rules(BaseModel):
     countdown: Countdown = 0.0
     chat: Chat = Chat.FREE
     phrases: Annotated[tuple[Phrase, ...], Field(max_length=MAX_PHRASES)] = ()
+    sight: SightDistance | None = None
+    sight_blocked: bool = False
 
     @model_serializer(mode="wrap")
     def _write(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
         # Most episodes leave these at their defaults. Without them the `rules` of every
         # recording and message are shorter.
         row: dict[str, Any] = written(self)
-        for name in ("open_for", "countdown", "chat", "phrases"):
+        for name in ("open_for", "countdown", "chat", "phrases", "sight", "sight_blocked"):
             if getattr(self, name) == type(self).model_fields[name].default:
                 del row[name]
         return row
+
+    @property
+    def limited_sight(self) -> Sight | None:
+        """Limits of the players' sight; None if they see the whole kitchen."""
+        if self.sight is None and not self.sight_blocked:
+            return None
+        return Sight(self.sight, self.sight_blocked)
 
     @property
     def period(self) -> float:

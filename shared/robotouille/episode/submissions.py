@@ -103,6 +103,9 @@ class Submissions:
         if not (self._record.in_progress and seat.controller is Controller.SUBSTITUTE):
             return False
         # An invalid action becomes "nothing": there is no participant who could try again.
+        # Substitutes see the whole state.
+        if action is not None and not self._record.world.applicable(self._record.state, action):
+            action = None
         self._decide(seat, None if self._faults(seat, action) else action, SUBSTITUTED, now)
         return True
 
@@ -167,7 +170,7 @@ class Submissions:
         if fault is None and isinstance(action, str):
             record = self._record
             try:
-                action = record.world.parse(record.state, seat.player, action, valid=False)
+                action = record.world.named(action, record.offered_actions(seat.player))
             except UnknownNameError as error:
                 fault = _in_words(ACTION_UNKNOWN, str(error))
         if fault is None and not isinstance(action, str):
@@ -208,9 +211,7 @@ class Submissions:
         if action.player is not None and action.player != seat.player:
             words = f"{action.player} is not yours to move: you play {seat.player}"
             return (Unmet(UnmetKind.SEAT, words, objects=(action.player,)),)
-        if anticipates or record.world.applicable(record.state, action):
-            return ()
-        return record.world.unmet(record.state, action)
+        return () if anticipates else record.unmet(seat.player, action)
 
     def _supersede(self, seat: Seat, seq: int, now: float) -> None:
         """Reject the seat's pending action, which the action `seq` replaces."""

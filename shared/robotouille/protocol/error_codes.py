@@ -122,6 +122,9 @@ class ErrorCode(StrEnum):
     """The episode has no such seat, or the client does not have it."""
     SEAT_NONE = "seat/none"
     """Spectators cannot act."""
+    SEAT_PARTIAL = "seat/partial"
+    """Players of this episode see a part of the kitchen, and the client does not support this
+    (`partial`)."""
     SEAT_MUTED = "seat/muted"
     """The operator muted the participant. The message was neither delivered nor recorded."""
     SEAT_LOST = "seat/lost"

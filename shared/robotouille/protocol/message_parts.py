@@ -231,6 +231,10 @@ class RulesRow(TypedDict, total=False):
     phrases: Annotated[
         list[str], Field(description="The permitted chat messages, if `chat` is `phrases`.")
     ]
+    sight: Annotated[int, Field(description="Number of tiles that players see.")]
+    sight_blocked: Annotated[
+        bool, Field(description="True if stations hide from players what is behind them.")
+    ]
 
 
 @with_config(OPEN)

@@ -33,6 +33,7 @@ from robotouille.episode.rules import (
     OpenFor,
     Phrase,
     SeatTreatment,
+    SightDistance,
     StepRate,
     Substitute,
     Thinking,
@@ -243,6 +244,14 @@ class Create(Message):
     phrases: Annotated[list[Phrase], Field(max_length=MAX_PHRASES)] = Field(
         default=[], description="The permitted chat messages, if `chat` is `phrases`."
     )
+    sight: SightDistance | None = Field(
+        default=None,
+        description="Number of tiles that players see in each direction. Their clients receive "
+        "nothing else; see [Sight](#sight).",
+    )
+    sight_blocked: bool | None = Field(
+        default=None, description="True if stations hide what is behind them."
+    )
     treatments: Annotated[dict[Identifier, SeatTreatment], Field(max_length=16)] = Field(
         default={}, description="A study's treatment of seats, by player."
     )
@@ -302,6 +311,11 @@ class Join(Message):
         default=True,
         description="False: the episode does not start before the client sends `ready`. Only valid "
         "if `welcome` has `readiness`.",
+    )
+    partial: bool = Field(
+        default=False,
+        description="True: the client can play with a part of the state. Required for the views "
+        "`state` and `both` in episodes with limited [sight](#sight).",
     )
     agent: Annotated[str, Field(max_length=200), Line] = Field(
         default="",
@@ -636,7 +650,11 @@ class Snapshot(FromServer):
     orders: OrdersRow | None = Field(
         default=None, description="The orders, if the task is a shift. " + ORDERS
     )
-    hash: str = Field(description="The state's digest.")
+    hidden: list[str] | None = Field(
+        default=None,
+        description="Objects out of sight; null if the client receives the whole state.",
+    )
+    hash: str = Field(description="The digest of the state, as the client receives it.")
     seat: str | None = Field(
         default=None, description="The client's first seat; null for spectators."
     )
@@ -726,8 +744,12 @@ class Delta(FromServer):
     atoms: list[list[int]] = Field(
         default=[], description="New atoms, to append to the snapshot's table."
     )
+    hidden: list[str] | None = Field(
+        default=None, description="Objects out of sight; absent if unchanged."
+    )
     hash: str | None = Field(
-        default=None, description="The digest of the state, sent every tenth step."
+        default=None,
+        description="The digest of the state, sent every tenth step; never with limited sight.",
     )
 
 
@@ -839,7 +861,9 @@ class Ended(FromServer):
     type: Literal["ended"] = "ended"
     step: int = Field(description="The last step.")
     outcome: OutcomeRow = Field(description="The outcome.")
-    hash: str = Field(description="The digest of the final state.")
+    hash: str = Field(
+        description="The digest of the final state; empty for players with limited sight."
+    )
 
 
 class Left(FromServer):

@@ -1,4 +1,4 @@
-"""Partial observability: the part of a state that one player sees (docs/train.md).
+"""Partial observability: the part of a state that one player sees (docs/episodes.md).
 
 A player knows the kitchen's plan, which things exist and what never changes about them. Of things
 out of sight it does not know where they are and in which condition.
@@ -6,18 +6,25 @@ out of sight it does not know where they are and in which condition.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil, floor
-from typing import NamedTuple
+from operator import attrgetter
 
+from robotouille.domain.schema import Condition
 from robotouille.errors import UnknownNameError, WrongArgumentError, did_you_mean
-from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.grounding.atoms import EXISTS
-from robotouille.world.grounding.objects import Tile
+from robotouille.world.grounding.actions import ActionSchema, GroundAction
+from robotouille.world.grounding.objects import Atom, Tile, bound
 from robotouille.world.scene import scene
 from robotouille.world.text import conditions_text, observation, orders_text, text_view
-from robotouille.world.world import State
+from robotouille.world.unmet import Unmet, UnmetKind
+from robotouille.world.world import State, World
+
+ON_A_TILE = frozenset({"shares_tile", "bottom_of_stack", "next_in_stack"})
+FACING = frozenset({*ON_A_TILE, "faces"})
+"""Rules of layouts whose predicates relate things at one place, and those that also relate a player
+and its station."""
 
 
 @dataclass(frozen=True)
@@ -53,61 +60,125 @@ class Sight:
         )
 
 
-class Seen(NamedTuple):
-    """The part of a state that a player sees.
+@dataclass(frozen=True)
+class Seen:
+    """The part of a state that some players see, or one of them.
 
     Attributes:
         state: The state without facts and effects of things out of sight, apart from their
             existence. It is for observations only: steps from it are wrong.
         things: Names of the objects in sight.
-        actions: The player's actions whose conditions in sight hold. If another condition is out
-            of sight, the action may turn out to be invalid.
+        players: The players.
     """
 
     state: State
     things: frozenset[str]
-    actions: tuple[GroundAction, ...]
+    players: tuple[str, ...]
+
+    @property
+    def hidden(self) -> tuple[str, ...]:
+        """Names of the objects out of sight, sorted by type."""
+        return tuple(thing.name for thing in self.state.objects if thing.name not in self.things)
+
+    @cached_property
+    def actions(self) -> tuple[GroundAction, ...]:
+        """The actions of the first player; see `actions_of`."""
+        return self.actions_of(self.players[0])
+
+    def actions_of(self, player: str) -> tuple[GroundAction, ...]:
+        """Return a player's actions whose conditions in sight hold.
+
+        If another condition is out of sight, the action may turn out to be invalid.
+        """
+        return tuple(_seemingly_valid(self.state, player, self._doubtful))
+
+    @cached_property
+    def _doubtful(self) -> int:
+        """Mask of the facts that may be true or false, for all that the players see."""
+        table = self.state.world.table
+        doubtful = _about(self.state, self.hidden)
+        # Things do not lie on themselves. Hidden things do not lie at places in sight. Players know
+        # where they stand and what they hold.
+        doubtful &= ~table.reflexive
+        doubtful &= ~(_relations(self.state.world, ON_A_TILE) & _about(self.state, self.things))
+        return doubtful & ~(_relations(self.state.world, FACING) & _about(self.state, self.players))
+
+    def unmet(self, action: GroundAction) -> tuple[Unmet, ...]:
+        """Return the reasons against an action that the players can see.
+
+        The result is empty for the actions of `actions_of`.
+        """
+        world, sure = self.state.world, action.tested & ~self._doubtful
+        # This test takes a hundredth of the time of the reasons.
+        if self.state.facts & sure == action.required & sure and not self.state.timers.busy:
+            return ()
+        return tuple(r for r in world.unmet(self.state, action) if self._is_sure(r))
+
+    def _is_sure(self, reason: Unmet) -> bool:
+        bit = self.state.world.table.bit.get((reason.predicate, *reason.objects), 0)
+        return not bit & self._doubtful
 
     def text_view(self, player: str) -> str:
         """Return the text for a language model, as `State.text_view` does."""
         world, state = self.state.world, self.state
-        hidden = [thing.name for thing in state.objects if thing.name not in self.things]
         if world.shift is not None and state.orders is not None:
             end = orders_text(world, world.shift, state.orders)
         else:
             end = conditions_text(world.goal_terms(state))
-        beyond = f"Out of sight: {', '.join(hidden) or 'nothing'}."
-        text = observation(world, state.facts, self.actions)
+        beyond = f"Out of sight: {', '.join(self.hidden) or 'nothing'}."
+        text = observation(world, state.facts, self.actions_of(player))
         return text_view(f"{beyond}\n\n{text}", player, end)
 
 
-def seen_by(state: State, player: str, sight: Sight) -> Seen:
-    """Return what a player sees of a state.
+def seen_by(state: State, players: str | Sequence[str], sight: Sight) -> Seen:
+    """Return what a player sees of a state, or what several players see together.
 
     Raises:
         UnknownNameError: No such player.
-        MissingExtraError: NumPy is not installed.
     """
     world = state.world
-    if player not in world.players:
-        raise UnknownNameError(f"no player {player!r}{did_you_mean(player, world.players)}")
-    things = frozenset(_in_sight(state, player, sight))
-    hidden = 0
-    for thing in state.objects:
-        if thing.name not in things:
-            hidden |= world.table.mentions(thing.name) & ~world.table.bit.get(
-                (EXISTS, thing.name), 0
-            )
-    hidden &= ~world.table.internal
+    players = (players,) if isinstance(players, str) else tuple(players)
+    for player in players:
+        if player not in world.players:
+            raise UnknownNameError(f"no player {player!r}{did_you_mean(player, world.players)}")
+    things = frozenset(name for player in players for name in _in_sight(state, player, sight))
+    hidden = (thing.name for thing in state.objects if thing.name not in things)
     timers = world.timers.get(
         tuple(entry for entry in state.timers.entries if things.issuperset(entry[0].label[2])),
         tuple(row for row in state.timers.busy if row[0] in things),
     )
-    seen = State(world, state.facts & ~hidden, timers, state.orders)
-    # A thing's relation to itself is no secret: otherwise everything out of sight seems to lie on
-    # itself, and players could try to take it from there.
-    doubtful = hidden & ~world.table.reflexive
-    return Seen(seen, things, tuple(_seemingly_valid(state, player, doubtful)))
+    seen = State(world, state.facts & ~_about(state, hidden), timers, state.orders)
+    return Seen(seen, things, players)
+
+
+HIDDEN_REASON = "something out of sight prevents it"
+
+
+def told(unmet: Iterable[Unmet], things: Collection[str]) -> tuple[Unmet, ...]:
+    """Return the reasons that a player with these things in sight may learn.
+
+    If all reasons are about other things, one without details takes their place.
+    """
+    known = {*things}
+    shown = [r for r in unmet if r.kind is not UnmetKind.CONDITION or known.issuperset(r.objects)]
+    return tuple(shown) or (Unmet(UnmetKind.OTHER, HIDDEN_REASON),)
+
+
+def _about(state: State, names: Iterable[str]) -> int:
+    """Return the mask of the facts about things, apart from their existence."""
+    table, mask = state.world.table, 0
+    for name in names:
+        mask |= table.mentions(name)
+    return mask & ~table.internal
+
+
+def _relations(world: World, rules: Collection[str]) -> int:
+    """Return the mask of the predicates that the domain's layout defines by these rules."""
+    mask = 0
+    for rule in world.task.domain.layout or ():
+        if rule.when in rules and rule.predicate in world.table.fluents:
+            mask |= world.table.matching((rule.predicate, None, None))
+    return mask
 
 
 def _in_sight(state: State, player: str, sight: Sight) -> Iterator[str]:
@@ -123,22 +194,81 @@ def _in_sight(state: State, player: str, sight: Sight) -> Iterator[str]:
             yield name
 
 
-def _seemingly_valid(state: State, player: str, hidden: int) -> Iterator[GroundAction]:
-    """Yield the player's actions whose conditions hold, apart from hidden ones."""
+def _seemingly_valid(state: State, player: str, doubtful: int) -> Iterator[GroundAction]:
+    """Yield the player's actions whose conditions hold, apart from doubtful ones, in order."""
     if state.busy_steps(player):
         return
-    world, facts = state.world, state.facts
-    for number, listed in enumerate(world.ground_actions(player)):
-        # Listed actions have the objects after which slots are named.
-        action = listed
-        if world.encoding.slots.filled(facts):
-            found = state.action(player, number)
-            if found is None:
-                continue
-            action = found
-        known = action.tested & ~hidden
-        if facts & known == action.required & known:
-            yield action
+    world = state.world
+    choices = _Choices(state, doubtful)
+    for schema in world.schemas:
+        found = (world.ground_action(schema, names) for names in choices.of(schema, player))
+        yield from sorted(found, key=attrgetter("key"))
+
+
+Names = Mapping[str, str]
+"""Parameters of an action, with objects or types."""
+
+
+class _Choices:
+    """Objects for the parameters of actions, chosen by the facts that are not doubtful.
+
+    It does not use the numbers of actions, because they take seconds to compute for a large
+    kitchen, and NumPy.
+    """
+
+    def __init__(self, state: State, doubtful: int) -> None:
+        self._table, self._facts, self._doubtful = state.world.table, state.facts, doubtful
+        self._by_type: dict[str, list[str]] = {}
+        for thing in state.objects:
+            self._by_type.setdefault(thing.type, []).append(thing.name)
+
+    def of(self, schema: ActionSchema, player: str) -> Iterator[tuple[str, ...]]:
+        """Yield the arguments with which a player's action may be valid."""
+        binding = {schema.parameters[0][0]: player} if schema.player else {}
+        conditions = schema.definition.precons
+        own = [c for c in conditions if binding.keys() >= {*c.params}]
+        if all(self._is_possible(bound(c, binding), c.is_true) for c in own):
+            open_ = {name: kind for name, kind in schema.parameters if name not in binding}
+            for found in self._extended(conditions, binding, open_):
+                yield tuple(found[name] for name, _ in schema.parameters)
+
+    def _extended(
+        self, conditions: Sequence[Condition], binding: Names, open_: Names
+    ) -> Iterator[Names]:
+        """Yield all ways to bind the open parameters, which have these types."""
+        if not open_:
+            yield binding
+            return
+        pools: dict[str, list[Names]] = {}
+        for name, kind in open_.items():
+            pools[name] = self._bound(conditions, binding, name, kind)
+            if not pools[name]:
+                return
+        # The player's station has one choice. Beginning with it leaves few choices for the others.
+        first = min(pools, key=lambda name: len(pools[name]))
+        rest = {name: kind for name, kind in open_.items() if name != first}
+        for found in pools[first]:
+            yield from self._extended(conditions, found, rest)
+
+    def _bound(
+        self, conditions: Sequence[Condition], binding: Names, name: str, kind: str
+    ) -> list[Names]:
+        """Return all ways to bind one more parameter."""
+        tested = [
+            c for c in conditions if name in c.params and binding.keys() >= {*c.params} - {name}
+        ]
+        found: list[Names] = []
+        for thing in self._by_type.get(kind, ()):
+            extended = {**binding, name: thing}
+            if all(self._is_possible(bound(c, extended), c.is_true) for c in tested):
+                found.append(extended)
+        return found
+
+    def _is_possible(self, atom: Atom, is_true: bool) -> bool:
+        bit = self._table.bit.get(atom)
+        if bit is None:
+            return (atom in self._table.static) == is_true
+        return bool(bit & self._doubtful) or bool(bit & self._facts) == is_true
 
 
 def _between(here: Tile, there: Tile, steps: int) -> Iterator[set[Tile]]:

@@ -445,18 +445,29 @@ class World(GroundTask):
             if found is None:
                 raise no_valid_action(sentence, actions)
             return found
-        return self._said(state, sentence, actions, valid=valid)
+        return self._said(state, sentence, actions) if valid else self.named(sentence, actions)
 
-    def _said(
-        self, state: State, sentence: str, actions: Sequence[GroundAction], *, valid: bool = True
-    ) -> GroundAction:
-        found = find_valid_by_sentence(sentence, actions)
-        if found is not None:
-            return found
-        action = find_by_sentence(sentence, self)
-        if action is None:
-            raise no_valid_action(sentence, actions)
-        if not valid:
+    def named(self, sentence: str, offered: Sequence[GroundAction]) -> GroundAction:
+        """Return the action of the task that a sentence names, valid or not.
+
+        Args:
+            sentence: Text to read, as for `parse`.
+            offered: Actions that ambiguous sentences and suggestions refer to.
+
+        Raises:
+            UnknownNameError: The sentence names no action or several.
+            WrongArgumentError: The sentence is not a string.
+        """
+        found = find_valid_by_sentence(sentence, offered)
+        if found is None:
+            found = find_by_sentence(sentence, self)
+        if found is None:
+            raise no_valid_action(sentence, offered)
+        return found
+
+    def _said(self, state: State, sentence: str, actions: Sequence[GroundAction]) -> GroundAction:
+        action = self.named(sentence, actions)
+        if action in actions:
             return action
         unmet = [each.words for each in self.unmet(state, action)]
         raise no_valid_action(sentence, actions, unmet or [f"it is an action of {action.player}"])

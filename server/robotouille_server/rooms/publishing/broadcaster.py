@@ -38,6 +38,7 @@ from robotouille_server.rooms.publishing.episode_messages import (
     last_seq,
     own_answers,
 )
+from robotouille_server.rooms.publishing.limited_sight import LimitedSight
 from robotouille_server.rooms.recording.write_ahead import CommitGate
 from robotouille_server.runtime.timer_queue import TimerQueue
 from robotouille_server.transport import LoopBudget, Peer, frame_of
@@ -104,6 +105,7 @@ class Broadcaster:
         "_last_delta",
         "_last_roster",
         "_last_turn",
+        "_limited",
         "_notices",
         "_now",
         "_public",
@@ -138,6 +140,10 @@ class Broadcaster:
         self._episode = episode
         self._episode_messages = EpisodeMessages(episode_id, episode, writer, now)
         self._snapshots = Snapshots(episode_id, episode, writer)
+        sight = episode.record.sight
+        self._limited: LimitedSight | None = None
+        if sight is not None:
+            self._limited = LimitedSight(episode, sight, self._episode_messages)
         self._now = now
         self._gate = gate
         self._audience = Audience(
@@ -254,7 +260,7 @@ class Broadcaster:
             for time, told in self._told:
                 if time >= session.away_since > 0:
                     peer.send(told)
-        peer.send(self.roster())
+        peer.send(self._shown(self.roster(), session))
 
     def _send_joined(self, session: Session, ref: int | None, resume: str) -> None:
         role, episode = "player" if session.players else "spectator", self._episode
@@ -272,6 +278,9 @@ class Broadcaster:
         # Text clients receive observations, which show a whole state, so they need no missed
         # deltas.
         if seen.stale or session.wants_text or session.peer is None:
+            return None
+        # The kept deltas have the changes of the whole kitchen.
+        if self._limited is not None and session.players:
             return None
         # After the end, a snapshot is needed anyway, because it contains the outcome.
         if not 0 <= seen.step <= step or self._episode.outcome is not None:
@@ -310,8 +319,12 @@ class Broadcaster:
             if peer.behind and not peer.keeps_up(partial(self._commit_snapshot, session)):
                 continue
             if session.wants_state:
-                # JSON is encoded only if a member uses it.
-                peer.send_frame(shared.frame(peer.codec))
+                if self._limited is None:
+                    # JSON is encoded only if a member uses it.
+                    peer.send_frame(shared.frame(peer.codec))
+                else:
+                    seen = self._limited.delta(event, session.players)
+                    peer.send_frame(frame_of(peer.codec.pack(seen)))
             if session.wants_text:
                 self._send_observations(session, event, texts)
 
@@ -324,12 +337,15 @@ class Broadcaster:
         """Send a text client the rejections of its own actions, then its view of the state."""
         for move, attempt in zip(event.moves, event.attempts, strict=True):
             if move.player in session.players and not attempt.applied and not session.wants_state:
+                unmet = self._episode.record.told_in_step(
+                    move.player, attempt.unmet, event.before, event.state
+                )
                 rejected = messages.Rejected(
                     seq=move.seq,
                     step=event.step,
                     action=move.action.sentence,
-                    reasons=list(attempt.reasons),
-                    why=[messages.Why.of(unmet) for unmet in attempt.unmet],
+                    reasons=[str(each) for each in unmet],
+                    why=[messages.Why.of(each) for each in unmet],
                     seat=session.seat_shown(move.player),
                 )
                 self.send(session, rejected)
@@ -532,7 +548,11 @@ class Broadcaster:
             # From now on the client has the task: frames are delivered in order or not at all.
             session.known.add(self._episode.world.task.digest)
             own = self._own_fields(session)
-            peer.answer_frame(self._snapshots.frame(peer.codec, own, with_task=not known))
+            part = None
+            if self._limited is not None and session.players:
+                part = self._limited.seen(self._episode.state, session.players)
+            frame = self._snapshots.frame(peer.codec, own, with_task=not known, seen=part)
+            peer.answer_frame(frame)
         if session.wants_text:
             episode = self._episode
             for player in session.views:
@@ -554,9 +574,12 @@ class Broadcaster:
             "spectator_names": self.spectator_names,
             "outcome": episode.outcome and episode.outcome.to_json(),
         }
+        seats = self.seats()
+        if self._limited is not None and session.players:
+            seats = self._limited.seats(seats, session.players)
         own: dict[str, Any] = {
             "phase": self._episode.phase.value,
-            "seats": [s.model_dump(mode="json", exclude_defaults=True) for s in self.seats()],
+            "seats": [s.model_dump(mode="json", exclude_defaults=True) for s in seats],
             **{name: value for name, value in optional.items() if value},
         }
         if (starts_in := self._episode_messages.starts_in) is not None:
@@ -594,7 +617,7 @@ class Broadcaster:
         """Send a message to one session, after everything that is pending for it."""
         if session.peer is not None:
             self._audience.catch_up(session)
-            session.peer.send(message)
+            session.peer.send(self._shown(message, session))
 
     def send_all(self, message: BaseModel) -> None:
         """Send a message to everybody."""
@@ -604,4 +627,13 @@ class Broadcaster:
         for session in self.members:
             peer = session.peer
             if peer is not None and session.players:
-                peer.send_frame(shared.frame(peer.codec))
+                if self._limited is None:
+                    peer.send_frame(shared.frame(peer.codec))
+                else:
+                    peer.send(self._limited.shown(message, session.players))
+
+    def _shown(self, message: BaseModel, session: Session) -> BaseModel:
+        """Return a message as a session may see it."""
+        if self._limited is None or not session.players:
+            return message
+        return self._limited.shown(message, session.players)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any, cast
 from weakref import WeakKeyDictionary
 
-from robotouille.episode import ActionAnswer, Episode, Outcome, Stepped
+from robotouille.episode import ActionAnswer, Episode, Outcome, PlayedMove, Stepped
 from robotouille.protocol import messages
 from robotouille.protocol.codec import Codec, Fields
 from robotouille.protocol.states import StateWriter, unmet_rows, why_rows
 from robotouille.replay.recorder import HASH_EVERY
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.sight import Seen
 from robotouille.world.world import State, World
 from robotouille_server.transport import frame_of
 
@@ -83,12 +85,9 @@ class EpisodeMessages:
         delta: dict[str, Any] = {"type": "delta", "step": event.step}
         delta |= self._writer.changes(event.before, event.state)
         if event.moves:
-            delta["did"] = [
-                [self._seat_number[m.player], m.action.name, *m.action.arguments]
-                for m in event.moves
-            ]
+            delta["did"] = self.did(event.moves)
             delta["seq"] = [move.seq for move in event.moves]
-        if event.waits and (waits := self._shown_waits(event)):
+        if event.waits and (waits := self.shown_waits(event.waits)):
             delta["waits"] = waits
         if unmet := unmet_rows(event.attempts):
             delta["unmet"] = unmet
@@ -101,14 +100,19 @@ class EpisodeMessages:
             delta["hash"] = self._writer.digest(event.state)
         return delta
 
-    def _shown_waits(self, event: Stepped) -> list[int]:
-        """Return the seats that wait.
+    def did(self, moves: Iterable[PlayedMove]) -> list[list[int | str]]:
+        """Return the rows of a joint action."""
+        number = self._seat_number
+        return [[number[m.player], m.action.name, *m.action.arguments] for m in moves]
+
+    def shown_waits(self, waits: Iterable[str]) -> list[int]:
+        """Return the numbers of seats that wait.
 
         Seats with a disguised kind are left out: almost only bots announce that they wait, so
         participants would recognise them.
         """
         seats = self._episode.seats
-        undisguised = [p for p in event.waits if seats[p].shown_kind == seats[p].kind]
+        undisguised = [p for p in waits if seats[p].shown_kind == seats[p].kind]
         return [self._seat_number[player] for player in undisguised]
 
     def observation(
@@ -116,13 +120,22 @@ class EpisodeMessages:
     ) -> messages.Observation:
         """Return the text view of a state for a player, or for spectators."""
         answer = self._episode.seats[player].answer if player else ActionAnswer(0, 0)
+        sight = self._episode.record.sight
+        text, actions = "", tuple[GroundAction, ...]()
+        if player is None:
+            text = state.text_view()
+        elif sight is None:
+            text, actions = state.text_view(player), state.actions(player)
+        else:
+            seen = self._episode.record.seen(state, (player,), sight)
+            text, actions = seen.text_view(player), seen.actions
         return messages.Observation(
             episode=self._id,
             step=step,
             phase=phase,
             seat=player,
-            text=state.text_view(player),
-            actions=[a.sentence for a in state.actions(player)] if player else [],
+            text=text,
+            actions=[action.sentence for action in actions],
             turn=turn,
             seq=answer.seq,
             reasons=list(answer.reasons),
@@ -146,11 +159,23 @@ class Snapshots:
         self._step = 0
         self._packed: dict[Codec, Fields] = {}
 
-    def frame(self, codec: Codec, own: dict[str, Any], *, with_task: bool) -> bytes:
-        """Return a snapshot of the current state; `own` has the recipient's own fields."""
+    def frame(
+        self, codec: Codec, own: dict[str, Any], *, with_task: bool, seen: Seen | None = None
+    ) -> bytes:
+        """Return a snapshot of the current state.
+
+        Args:
+            codec: The codec of the recipient.
+            own: The recipient's own fields.
+            with_task: True if the recipient lacks the task.
+            seen: The part of the state that the recipient sees, if its sight is limited.
+        """
         # Encoded fields are joined as bytes: two hundred clients that return together share one
         # encoding of the state.
-        parts = [self._of_state(codec), codec.pack_fields(own)]
+        state = (
+            self._of_state(codec) if seen is None else codec.pack_fields(self._seen_fields(seen))
+        )
+        parts = [state, codec.pack_fields(own)]
         if with_task:
             parts.append(self._of_task(codec))
         return frame_of(codec.join(parts))
@@ -168,20 +193,27 @@ class Snapshots:
             self._state, self._step = episode.state, episode.step
         fields = self._packed.get(codec)
         if fields is None:
-            state = episode.state
-            fields = self._packed[codec] = codec.pack_fields(
-                {
-                    "type": "snapshot",
-                    "episode": self._id,
-                    "step": episode.step,
-                    "digest": episode.world.task.digest,
-                    "hash": self._writer.digest(state),
-                    "clock": episode.rules.model_dump(mode="json"),
-                    **self._writer.tables(state),
-                    **self._writer.values(state),
-                }
-            )
+            digest = self._writer.digest(episode.state)
+            packed = codec.pack_fields(self._state_fields(episode.state, digest))
+            fields = self._packed[codec] = packed
         return fields
+
+    def _seen_fields(self, seen: Seen) -> dict[str, Any]:
+        state = seen.state
+        return {**self._state_fields(state, state.digest), "hidden": list(seen.hidden)}
+
+    def _state_fields(self, state: State, digest: str) -> dict[str, Any]:
+        episode = self._episode
+        return {
+            "type": "snapshot",
+            "episode": self._id,
+            "step": episode.step,
+            "digest": episode.world.task.digest,
+            "hash": digest,
+            "clock": episode.rules.model_dump(mode="json"),
+            **self._writer.tables(state),
+            **self._writer.values(state),
+        }
 
     def _of_task(self, codec: Codec) -> Fields:
         world = self._episode.world

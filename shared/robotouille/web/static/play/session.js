@@ -479,6 +479,7 @@ function clearPanel() {
 /** Codes after which the seat is lost for good. */
 const SEATLESS = new Set([
   "episode/unknown", "episode/ended", "episode/banned", "episode/left", "episode/full", "seat/taken",
+  "seat/partial",
 ]);
 
 /** @type {Map<string, [string, string, string]>} Title, detail and button by the server's code. */
@@ -488,6 +489,7 @@ const FAREWELLS = new Map([
   ["episode/ended", ["over", "", ""]],
   ["episode/full", ["full", "fullDetail", "watch"]],
   ["seat/taken", ["taken", "takenDetail", "watch"]],
+  ["seat/partial", ["partial", "partialDetail", ""]],
   ["episode/banned", ["banned", "", ""]],
   ["server/stopped", ["stopped", "", "again"]],
   ["page/files", ["files", "filesDetail", "again"]],

@@ -114,6 +114,8 @@ export default {
   tokenDetail: "Bitte die Person, die dich eingeladen hat, um einen neuen.",
   taken: "Jemand anders hat deinen Platz",
   takenDetail: "Du warst zu lange weg. Du kannst zuschauen.",
+  partial: "Diese Seite kann das Spiel nicht spielen",
+  partialDetail: "Wer mitspielt, sieht nur einen Teil der Küche. Bitte die Person, die dich eingeladen hat, um Rat.",
   files: "Die Küche konnte nicht geladen werden",
   filesDetail: "Dein Platz wird eine Weile freigehalten.",
   version: "Der Server hat eine andere Version",

@@ -114,6 +114,8 @@ export default {
   tokenDetail: "Ask the person who invited you for a new one.",
   taken: "Someone else has your seat",
   takenDetail: "You were away for too long. You can watch the game.",
+  partial: "This page cannot play this game",
+  partialDetail: "Its players see only a part of the kitchen. Ask the person who invited you.",
   files: "The kitchen could not be loaded",
   filesDetail: "Your seat is kept for a while.",
   version: "The server has a different version",
