@@ -52,7 +52,7 @@ class ClusterTruth(EpisodeTruth):
         self._ids.add(message.id)
         data = message.data
         if message.keep is not None:
-            # Who takes a journal over writes its end again.
+            # The new owner of a journal writes its end again.
             same = _same(self.content[message.keep :], data)
             self.cut(message.keep + same)
             data = data[same:]
