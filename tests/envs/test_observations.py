@@ -16,6 +16,7 @@ from robotouille.envs import (
     parallel_env,
 )
 from robotouille.planning import solve
+from robotouille.world.sight import Sight
 
 TEAM = "multi_agent/01@3"
 
@@ -132,9 +133,18 @@ def test_invalid_options_are_rejected(options: dict[str, Any], words: str) -> No
         RobotouilleEnv(TEAM, **options)
 
 
-def test_copies_in_one_process_have_vectors_of_states_only() -> None:
-    with pytest.raises(WrongArgumentError, match="goal: copies in one process"):
-        RobotouilleVectorEnv(TEAM, goal=True)
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"observation": "graph"}, "a graph has no fixed size; use .*AsyncVectorEnv"),
+        ({"sight": Sight(1)}, "sight: only parallel_env and aec_env have several agents"),
+        ({"tokens": 2}, "tokens: only parallel_env"),
+    ],
+)
+def test_copies_refuse_what_needs_other_environments(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(WrongArgumentError, match=words):
+        RobotouilleVectorEnv(TEAM, **options)
+    assert RobotouilleVectorEnv(TEAM, goal=True).columns[-1].startswith("goal[")
 
 
 def test_shift_has_no_goal_to_observe() -> None:

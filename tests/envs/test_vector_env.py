@@ -20,6 +20,7 @@ from robotouille.envs.compiled_engine import BatchCopies
 from robotouille.envs.vector_env import PlayedCopies
 from robotouille.errors import SlotOverflowError
 from robotouille.planning import solve
+from robotouille.world.sight import Sight
 from tests.batch.agreement import world_of
 from tests.envs.agreement import alike
 from tests.support.samples import quick_sample
@@ -86,6 +87,15 @@ def test_engine_matches_copies_played_one_by_one(
         actions = some(slow, expected[-1], rng)
         found, expected = fast.step(actions), slow.step(actions)
     assert expected[-1]["valid"].shape == (4,)
+
+
+@pytest.mark.parametrize("options", [{"goal": True}, {"goal": True, "sight": Sight(1)}])
+def test_goal_and_sight_are_those_of_single_environments(options: dict[str, Any]) -> None:
+    envs = RobotouilleVectorEnv(ONE, 2, max_steps=9, **options)
+    make = partial(RobotouilleEnv, ONE, max_steps=9, **options)
+    assert envs.single_observation_space == make().observation_space
+    assert envs.columns == make().columns
+    same(run(copy.deepcopy(envs), 20), run(SyncVectorEnv([make] * 2), 20))
 
 
 def test_engine_reaches_goals(in_the_engine: None) -> None:
@@ -240,7 +250,7 @@ def test_environment_is_made_by_name() -> None:
     [
         ({"num_envs": 0}, "num_envs"),
         ({"autoreset_mode": "Disabled"}, "autoreset_mode"),
-        ({"observation": "text"}, "observation: expected 'vector'"),
+        ({"observation": "text"}, "observation: copies in one process have vectors"),
     ],
 )
 def test_invalid_options_are_rejected(options: dict, words: str) -> None:

@@ -13,12 +13,12 @@ from robotouille.batch.batch_world import BatchWorld
 from robotouille.batch.single_copy import RuleTables, SingleCopy
 from robotouille.batch.tables import Ints
 from robotouille.envs.instances import first_state
+from robotouille.envs.layout import Layout
 from robotouille.envs.rules import (
     NOTHING,
     ActionRows,
     BatchStepResult,
     Bools,
-    EnvRules,
     InvalidAction,
     no_such_action_error,
 )
@@ -36,16 +36,16 @@ from robotouille.world.world import State
 class BatchCopies:
     """Copies of one instance in the batch engine: much faster, but only with sparse rewards."""
 
-    def __init__(self, rules: EnvRules, view: ObservationView, copies: int) -> None:
-        self.view = view
+    def __init__(self, layout: Layout, copies: int) -> None:
+        self.layout, self._view, rules = layout, layout.first, layout.rules
         self.over: Bools = np.ones(copies, dtype=np.bool_)
         self._rules = rules
-        self._limit = rules.step_limit(view.world)
-        self._batch = BatchWorld(self.view.world, copies)
+        self._limit = rules.step_limit(self._view.world)
+        self._batch = BatchWorld(self._view.world, copies)
         self._steps: Ints = np.zeros(copies, dtype=np.int64)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (self._rules, self.view, self._batch.rows, self._steps, self.over)
+        return _restored, (self.layout, self._batch.rows, self._steps, self.over)
 
     def restore(self, rows: Ints, steps: Ints, over: Bools) -> None:
         """Set the state of all copies."""
@@ -57,7 +57,7 @@ class BatchCopies:
     ) -> None:
         self._batch.reset(which)
         for copy in np.flatnonzero(which).tolist() if options or self._rules.endless else ():
-            first = first_state(self._rules, (self.view,), self.view, randoms[copy], options)[1]
+            first = first_state(self._rules, (self._view,), self._view, randoms[copy], options)[1]
             self._batch.set_state(copy, first)
         self._steps[which] = 0
         self.over = self.over & ~which
@@ -91,7 +91,7 @@ class BatchCopies:
             wrong = ~valid & (numbers != NOTHING) & ~self.over[:, None]
             for copy, seat in np.argwhere(wrong).tolist():
                 state, number = self._batch.state(copy), int(numbers[copy, seat])
-                raise self.view.inapplicable(state, seat, number)
+                raise self._view.inapplicable(state, seat, number)
         return np.where(valid, numbers, NOTHING)
 
     def _take_in_world(
@@ -108,7 +108,7 @@ class BatchCopies:
         batch = self._batch
         batch.rows[copy], batch.overflowed[copy] = before[copy], False
         chosen = tuple(number if number >= 0 else None for number in numbers.tolist())
-        after, applied = self.view.after(batch.state(copy), chosen)
+        after, applied = self._view.after(batch.state(copy), chosen)
         try:
             batch.set_state(copy, after)
         except SlotOverflowError:
@@ -123,10 +123,8 @@ class BatchCopies:
         return self._batch.joint_masks().view(np.int8)
 
 
-def _restored(
-    rules: EnvRules, view: ObservationView, rows: Ints, steps: Ints, over: Bools
-) -> BatchCopies:
-    copies = BatchCopies(rules, view, len(rows))
+def _restored(layout: Layout, rows: Ints, steps: Ints, over: Bools) -> BatchCopies:
+    copies = BatchCopies(layout, len(rows))
     copies.restore(rows, steps, over)
     return copies
 

@@ -14,7 +14,7 @@ from gymnasium.envs.registration import EnvSpec, register, registry
 
 from robotouille.domain.loading import task_names
 from robotouille.domain.task import Task
-from robotouille.envs.observer import Observer
+from robotouille.envs.observers import observer_of
 from robotouille.envs.play import Play
 from robotouille.envs.rules import (
     RENDER_MODES,
@@ -23,9 +23,9 @@ from robotouille.envs.rules import (
     Perspective,
     check_one_agent,
     check_render_mode,
+    seat_of_one_agent,
 )
 from robotouille.envs.views import Mask, picture
-from robotouille.errors import WrongArgumentError
 from robotouille.world.world import State, World
 
 VERSION = 0
@@ -93,10 +93,8 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
         rules = EnvRules.of(task, options)
         check_one_agent(rules)
         self._play = Play(rules)
-        self._observer = Observer(rules, self._play.views, Perspective.SHARED)
-        if rules.sight is not None and len(self._play.players) > 1:
-            raise WrongArgumentError("sight: only parallel_env and aec_env have several agents")
-        self._seat = None if rules.sight is None else 0
+        self._observer = observer_of(rules, self._play.views, Perspective.SHARED)
+        self._seat = seat_of_one_agent(rules, len(self._play.players))
         self.render_mode = render_mode
         self._spec: EnvSpec | None = None
         self.observation_space = self._observer.space()
@@ -131,7 +129,7 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the numbers in a vector; see `Encoding.columns`."""
-        return self._observer.columns
+        return self._observer.layout.columns
 
     @property
     def world(self) -> World:

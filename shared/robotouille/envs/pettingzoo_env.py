@@ -13,7 +13,8 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import parallel_to_aec
 
 from robotouille.domain.task import Task
-from robotouille.envs.observer import SILENCE, Observer
+from robotouille.envs.layout import SILENCE
+from robotouille.envs.observers import observer_of
 from robotouille.envs.play import Play
 from robotouille.envs.rules import (
     NOTHING,
@@ -53,7 +54,7 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
         alone = len(largest_team(self._play.views)) == 1
         default = Perspective.SHARED if alone else Perspective.IDENTITY
         perspective = Perspective(rules.perspective or default)
-        self._observer = Observer(rules, self._play.views, perspective)
+        self._observer = observer_of(rules, self._play.views, perspective)
         self._random = np.random.default_rng()
         self._tokens = rules.tokens
         self._said: list[int] = []
@@ -85,12 +86,12 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
 
         If the perspective is egocentric, the first player stands for the agent's own.
         """
-        return self._observer.columns
+        return self._observer.layout.columns
 
     @property
     def features(self) -> tuple[str, ...]:
         """Names of the numbers of a graph's node; see `Encoding.features`."""
-        return self._observer.features
+        return self._observer.layout.features
 
     @property
     def world(self) -> World:

@@ -326,3 +326,16 @@ def check_one_agent(rules: EnvRules) -> None:
     for name, needed in asked.items():
         if needed:
             raise WrongArgumentError(f"{name}: only parallel_env and aec_env have several agents")
+
+
+def seat_of_one_agent(rules: EnvRules, players: int) -> int | None:
+    """Return the seat from which a single agent sees the kitchen; None if it sees everything.
+
+    Raises:
+        WrongArgumentError: Sight is limited, but the agent controls several players.
+    """
+    if rules.sight is None:
+        return None
+    if players > 1:
+        raise WrongArgumentError("sight: only parallel_env and aec_env have several agents")
+    return 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Protocol, Unpack
 
 import numpy as np
@@ -12,6 +12,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from robotouille.domain.task import Task
+from robotouille.envs.layout import Layout
+from robotouille.envs.observers.vector_observer import VectorObserver
 from robotouille.envs.play import Play
 from robotouille.envs.potential import StepsToGoPotential
 from robotouille.envs.rules import (
@@ -21,19 +23,21 @@ from robotouille.envs.rules import (
     EnvObservation,
     EnvOptions,
     EnvRules,
+    Perspective,
     Reward,
     check_one_agent,
     engine_plays,
     not_reset_error,
+    seat_of_one_agent,
 )
-from robotouille.envs.views import Mask, ObservationView, Vector, vector_space, views_of
+from robotouille.envs.views import Mask, Vector, views_of
 from robotouille.errors import WrongArgumentError
 
 
 class Copies(Protocol):
-    """Copies of an environment's episodes. `view` is the first instance."""
+    """Copies of an environment's episodes. `layout` names what their vectors contain."""
 
-    view: ObservationView
+    layout: Layout
 
     @property
     def over(self) -> Bools:
@@ -52,18 +56,21 @@ class Copies(Protocol):
         """
 
     def vectors(self) -> Vector:
-        """Return the states as vectors, one row per copy."""
+        """Return the observations, one row per copy."""
 
     def masks(self) -> Mask:
         """Return the valid actions, one row per copy. The players' masks are concatenated."""
 
 
 class PlayedCopies:
-    """Copies that are played one by one, with any instances and rewards."""
+    """Copies that are played one by one, with any instances, rewards and observations."""
 
-    def __init__(self, rules: EnvRules, views: tuple[ObservationView, ...], copies: int) -> None:
-        self.plays = [Play(rules, views) for _ in range(copies)]
-        self.view = views[0]
+    def __init__(self, layout: Layout, copies: int) -> None:
+        self.layout = layout
+        self.plays = [Play(layout.rules, layout.views) for _ in range(copies)]
+        self._seat = seat_of_one_agent(layout.rules, len(layout.players))
+        # Each copy has its own observer, which caches what the agent sees of the copy's state.
+        self._observers = [VectorObserver(layout) for _ in range(copies)]
 
     @property
     def over(self) -> Bools:
@@ -85,10 +92,13 @@ class PlayedCopies:
         return BatchStepResult(rewards, terminated, truncated, valid)
 
     def vectors(self) -> Vector:
-        return np.array([play.arrays.vector for play in self.plays])
+        return np.array([each.observe(play, self._seat) for each, play in self._pairs()])
 
     def masks(self) -> Mask:
-        return np.array([np.concatenate(play.arrays.masks) for play in self.plays])
+        return np.array([np.concatenate(each.masks(play)) for each, play in self._pairs()])
+
+    def _pairs(self) -> Iterator[tuple[VectorObserver, Play]]:
+        return zip(self._observers, self.plays, strict=True)
 
 
 Arrays = tuple[
@@ -111,8 +121,8 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         task: A task, or a name for `load_task`.
         num_envs: Number of copies.
         autoreset_mode: `NextStep` or `SameStep`: when a copy begins another episode.
-        options: `EnvOptions` except `observation`, `perspective`, `goal`, `tokens` and
-            `sight`.
+        options: `EnvOptions`, with vectors only, as graphs and texts have no fixed size.
+            `perspective` and `tokens` need an agent for each player: `parallel_env`.
 
     Raises:
         WrongArgumentError: An option is invalid.
@@ -138,16 +148,18 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         rules = EnvRules.of(task, options)
         check_one_agent(rules)
         if rules.observation is not EnvObservation.VECTOR:
-            raise WrongArgumentError("observation: expected 'vector' for copies in one process")
-        if rules.goal or rules.sight:
-            name = "goal" if rules.goal else "sight"
-            raise WrongArgumentError(f"{name}: copies in one process have vectors of states only")
+            raise WrongArgumentError(
+                f"observation: copies in one process have vectors, and a {rules.observation} has "
+                "no fixed size; use gymnasium.vector.AsyncVectorEnv with shared_memory=False"
+            )
         self._copies = _copies_of(rules, num_envs)
         self._same_step = mode is AutoresetMode.SAME_STEP
         self.metadata = {"autoreset_mode": mode}
         self.num_envs = num_envs
-        sizes = self._copies.view.sizes
-        self.single_observation_space = vector_space(sizes)
+        sizes = self._copies.layout.sizes
+        self.single_observation_space = spaces.Box(
+            -1.0, sizes.high, (len(self.columns),), np.float32
+        )
         self._alone = len(sizes.actions) == 1
         self.single_action_space = (
             spaces.Discrete(sizes.actions[0])
@@ -157,6 +169,11 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._randoms: list[np.random.Generator] = []
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the numbers in a vector; see `Encoding.columns`."""
+        return self._copies.layout.columns
 
     def action_masks(self) -> Mask:
         """Return the valid actions, one row per copy."""
@@ -244,8 +261,9 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
 def _copies_of(rules: EnvRules, number: int) -> Copies:
     """Return copies under an environment's rules, in the batch engine if possible."""
     views = views_of(rules.tasks(), rules.slots)
+    layout = Layout(rules, views, Perspective.SHARED)
     if len(views) > 1 or not engine_plays(rules, views[0].world):
-        return PlayedCopies(rules, views, number)
+        return PlayedCopies(layout, number)
     from robotouille.envs.compiled_engine import BatchCopies
 
-    return BatchCopies(rules, views[0], number)
+    return BatchCopies(layout, number)
