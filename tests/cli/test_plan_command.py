@@ -229,6 +229,7 @@ def test_short_search_does_not_wait_for_the_compiler(monkeypatch: pytest.MonkeyP
 def test_compiling_is_announced(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kernels, "to_be_compiled", lambda: True)
     monkeypatch.setattr("robotouille_client.cli.plan.searched_plainly", lambda *_: None)
+    kernels.announce_compiling.cache_clear()
     received = plan("synchronous/01", "--json")
     assert received.stderr.startswith("compiling the planner, which takes ")
     assert received.stderr.count("\n") == 1

@@ -177,8 +177,6 @@ def _search(
         answer = searched_plainly(task, start, expansions, deadline.seconds)
         if answer is not None:
             return answer
-        words = "compiling the planner, which takes up to a minute, once for this machine"
-        tell(f"{words} (ROBOTOUILLE_COMPILE=0 turns this off)", err=True)
     progress = _Progress()
     limits = Limits(expansions, BUDGET.states, deadline)
     with _interruptible(deadline), progress.shown():

@@ -51,7 +51,9 @@ def cross_play(
 
     Rows have the partner in the first seat, columns the partner in all other seats.
     """
+    from robotouille.compiling import COMPILED
     from robotouille.domain.loading import load_task
+    from robotouille.planning.policies.skill import SKILLS
     from robotouille.world.world import World
     from robotouille_evaluation.cross_play.matrix import (
         csv_text,
@@ -68,6 +70,11 @@ def cross_play(
     if len(World(loaded).players) < 2:
         raise RobotouilleError(f"cross-play needs two seats or more; {task} has one")
     population = partners_named(partners, loaded)
+    if not COMPILED and not {*SKILLS}.isdisjoint(partners):
+        tell(
+            "planners search in plain Python, which is slow: pip install 'robotouille[fast]'",
+            err=True,
+        )
     shift = loaded.problem.shift
     most = options.max_steps if shift is None else shift.steps * loaded.profile.delay_factor
     names, measures = [each.name for each in population], measures_of(loaded)

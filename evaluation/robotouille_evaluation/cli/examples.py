@@ -25,7 +25,7 @@ def examples(
         Path, typer.Option(help="Folder or name of the pack that gets the examples.")
     ] = Path("ours"),
     datasets: Annotated[
-        str, typer.Option(help="Datasets in which the examples are shown. Default: all.")
+        str, typer.Option(help="Data sets in which the examples are shown. Default: all.")
     ] = "",
     seat: Annotated[
         str, typer.Option(help="Seat of a team whose actions are shown, such as robot2.")

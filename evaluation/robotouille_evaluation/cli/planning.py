@@ -246,7 +246,7 @@ def _instances(
     usual = pack.usual_kinds
     if experiment is not None:
         usual = ("noisy",) if experiment.noisy else ("free",)
-    _check_names("dataset", datasets, pack.datasets)
+    _check_names("data set", datasets, pack.datasets)
     _check_names("kind of instance", kinds, get_args(InstanceKind))
     if experiment is not None:
         known, missing = [task.name for task in pack.tasks], pack.missing_tasks(experiment)
@@ -387,7 +387,7 @@ def _check_strategy(name: str, pack: Pack) -> None:
 
 
 def _unknown_experiment(name: str, pack: Pack) -> UnknownNameError:
-    """Return an error that names the experiments of the same agent and dataset."""
+    """Return an error that names the experiments of the same agent and data set."""
     known = [experiment.id for experiment in pack.experiments if experiment.agent != HUMAN]
     if not known:
         return UnknownNameError(

@@ -83,7 +83,7 @@ class RunOptions(WorkerOptions, ModelOptions):
     ] = None
     datasets: Annotated[
         str,
-        typer.Option(help="Datasets. Default: all of the pack. `shifts` are a pack of their own."),
+        typer.Option(help="Data sets. Default: all of the pack. `shifts` are a pack of their own."),
     ] = ""
     tasks: Annotated[str, typer.Option(help="Tasks. Default: all.")] = ""
     kinds: Annotated[

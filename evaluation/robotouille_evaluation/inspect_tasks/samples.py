@@ -106,10 +106,10 @@ def as_words(words: Words) -> tuple[str, ...]:
 
 
 def samples(pack: Pack, dataset: str, options: TaskOptions) -> MemoryDataset:
-    """Return the chosen instances of a dataset, described by their metadata.
+    """Return the chosen instances of a data set, described by their metadata.
 
     Raises:
-        RobotouilleError: The dataset, a task, kind or budget is unknown, or no instance is left.
+        RobotouilleError: The data set, a task, kind or budget is unknown, or no instance is left.
     """
     known: tuple[InstanceKind, ...] = get_args(InstanceKind)
     wanted = as_words(options.kinds) or known

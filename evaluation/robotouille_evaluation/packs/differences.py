@@ -29,7 +29,7 @@ Packs may come from anyone."""
 def match_tasks(a: Pack, b: Pack) -> list[tuple[PackTask | None, PackTask | None]]:
     """Return each task of `a` with its counterpart in `b`, then the other tasks of `b`.
 
-    Tasks are paired within a dataset, the most similar names first. In packs of very many tasks,
+    Tasks are paired within a data set, the most similar names first. In packs of very many tasks,
     only equal names are paired.
     """
     pairs: dict[str, PackTask] = {}

@@ -35,7 +35,7 @@ def episodes_by_form(name: str, choices: Sequence[ExampleChoice]) -> dict[str, E
 def example_sets(
     dataset: str, episodes: Sequence[Mapping[str, ExampleEpisode]]
 ) -> Iterator[Examples]:
-    """Yield the examples of a dataset for each form that all of the episodes have."""
+    """Yield the examples of a data set for each form that all of the episodes have."""
     for form in episodes[0]:
         if all(form in each for each in episodes):
             yield Examples(f"{dataset}/{form}", tuple(each[form] for each in episodes))

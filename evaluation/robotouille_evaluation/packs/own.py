@@ -105,7 +105,7 @@ VERSION = "1"
 DOMAINS = {NAME: "robotouille", SHIFTS: "restaurant"}
 """Domains of the built-in packs."""
 EXAMPLE_OF_SHIFTS = "asynchronous"
-"""Dataset whose examples show models that play shifts the form of answers."""
+"""Data set whose examples show models that play shifts the form of answers."""
 
 Progress = Callable[[int, int], None]
 """Called with the number of read tasks and of all."""

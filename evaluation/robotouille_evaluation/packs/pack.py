@@ -185,7 +185,7 @@ class Pack:
 
     @cached_property
     def datasets(self) -> tuple[str, ...]:
-        """Datasets of the tasks, each once."""
+        """Data sets of the tasks, each once."""
         return tuple(dict.fromkeys(task.dataset for task in self.tasks))
 
     @cached_property
@@ -207,7 +207,7 @@ class Pack:
         return self._tasks[found[0]]
 
     def _suggestion(self, name: str) -> str:
-        """Return the end of an error that names the nearest task or those of the dataset.
+        """Return the end of an error that names the nearest task or those of the data set.
 
         Numbers get the whole list, because packs may number the same task differently.
         """

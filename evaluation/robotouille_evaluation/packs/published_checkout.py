@@ -45,7 +45,7 @@ CONFIGURATION = "conf"
 
 DATASETS = ("synchronous", "asynchronous", "multi_agent")
 TRAINING = ("synchronous_train", "asynchronous_train")
-"""Datasets of the examples, which have only default instances."""
+"""Data sets of the examples, which have only default instances."""
 
 SEEDS = tuple(range(42, 421, 42))
 """Seeds of the paper's instances, which include the seeds of every experiment."""
@@ -166,7 +166,7 @@ def _domain(root: Path) -> dict[str, Any]:
 
 
 def _problems(reading: _Reading, domain: DomainFile) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the problems by name, dataset by dataset, in the order of their numbers."""
+    """Yield the problems by name, data set by data set, in the order of their numbers."""
     for dataset in (*DATASETS, *TRAINING):
         for path in sorted(reading.files(f"{PROBLEMS}/{dataset}", "*.json"), key=_in_order):
             try:

@@ -201,7 +201,7 @@ def with_examples(
         datasets: Datasets in which they are shown; all if empty.
 
     Raises:
-        UnknownNameError: The pack lacks a dataset.
+        UnknownNameError: The pack lacks a data set.
         RobotouilleError: The built-in strategies, which show examples, cannot play the pack.
     """
     if REACT not in {prompt.id for prompt in pack.prompts}:
@@ -211,7 +211,7 @@ def with_examples(
     for dataset in datasets:
         if dataset not in pack.datasets:
             near = did_you_mean(dataset, pack.datasets) or f"; choose {', '.join(pack.datasets)}"
-            raise UnknownNameError(f"unknown dataset {dataset!r}{near}")
+            raise UnknownNameError(f"unknown data set {dataset!r}{near}")
     shown = [
         found for dataset in datasets or pack.datasets for found in example_sets(dataset, episodes)
     ]

@@ -1,4 +1,4 @@
-"""Certificates of plan lengths, certified datasets, and their verification."""
+"""Certificates of plan lengths, certified data sets, and their verification."""
 
 from __future__ import annotations
 

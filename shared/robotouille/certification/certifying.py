@@ -1,4 +1,4 @@
-"""Certification of a dataset in several processes, resuming interrupted runs.
+"""Certification of a data set in several processes, resuming interrupted runs.
 
     budget = ExpansionBudget(expansions=100_000)
     report = certify_dataset(Path("problems"), solve, budget=budget, jobs=4)

@@ -1,4 +1,4 @@
-"""Datasets: folders of problem files with their certificates and a manifest."""
+"""Data sets: folders of problem files with their certificates and a manifest."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ class DatasetRow(Schema):
 
 
 class Manifest(Schema):
-    """All certified instances of a dataset, sorted by file and seats."""
+    """All certified instances of a data set, sorted by file and seats."""
 
     format: Literal["robotouille-dataset/1"]
     instances: tuple[DatasetRow, ...]

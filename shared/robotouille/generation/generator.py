@@ -245,7 +245,7 @@ FOLDERS = ("synchronous", "asynchronous", "multi_agent")
 
 
 def seeds_from(first: int, count: int) -> tuple[int, ...]:
-    """Return the seeds of a series: multiples of the first, as in the paper's datasets."""
+    """Return the seeds of a series: multiples of the first, as in the paper's data sets."""
     return tuple(first * position for position in range(1, count + 1))
 
 

@@ -206,4 +206,4 @@ def test_unknown_dataset_is_named(tmp_path: Path, base: Path) -> None:
     )
     result = robotouille(*words)
     assert result.exit_code == 1
-    assert "unknown dataset 'synchron'; did you mean 'synchronous'?" in result.output
+    assert "unknown data set 'synchron'; did you mean 'synchronous'?" in result.output

@@ -11,7 +11,7 @@ from robotouille.world.world import State
 
 
 class SightOfAgents:
-    """What agents see of one game's states under a limit of sight; without a limit, everything.
+    """The parts of one game's states that agents see; without a limit of sight, everything.
 
     An agent's mask and observation are of the same state, so what it sees is computed once.
     """

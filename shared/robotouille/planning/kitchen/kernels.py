@@ -10,10 +10,12 @@ are enough. Kernels read both forms with the same code: `kitchen.total[process][
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable, MutableSequence, Sequence
 from dataclasses import fields
 from functools import cache
 from importlib import import_module
+from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar, cast, get_type_hints
 
@@ -25,6 +27,7 @@ __all__ = [
     "Cube",
     "Ints",
     "Table",
+    "announce_compiling",
     "blank_records",
     "grown",
     "ints",
@@ -57,6 +60,17 @@ kernel = compiler(_FOLDER)
 def to_be_compiled() -> bool:
     """Return whether the first search has to compile all kernels, which takes a while."""
     return COMPILED and next(cache_folder(_FOLDER).glob("**/*.nbi"), None) is None
+
+
+@cache
+def announce_compiling() -> None:
+    """Print a line if the next search has to compile the kernels, once for a process.
+
+    A person may wait for it, also in a notebook. Processes that another one started are silent.
+    """
+    if to_be_compiled() and parent_process() is None:
+        words = "compiling the planner, which takes up to a minute, once for this machine"
+        print(f"{words} (ROBOTOUILLE_COMPILE=0 turns this off)", file=sys.stderr, flush=True)
 
 
 def ints(values: Iterable[int]) -> Ints:

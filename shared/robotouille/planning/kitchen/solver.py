@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from robotouille.planning.kitchen.compact_state import CompactState, GoalSpec
 from robotouille.planning.kitchen.encoding import decode, encode
 from robotouille.planning.kitchen.goal_assignments import goal_assignments
-from robotouille.planning.kitchen.kernels import record, records
+from robotouille.planning.kitchen.kernels import announce_compiling, record, records
 from robotouille.planning.kitchen.model import KitchenModel, model_of
 from robotouille.planning.kitchen.nodes import (
     BEST,
@@ -60,6 +60,7 @@ def kitchen_search(world: World, start: State) -> KitchenSearch | None:
     model = model_of(world, start)
     if model is None:
         return None
+    announce_compiling()
     compact = encode(model, start)
     goals = goal_assignments(model, compact)
     return None if goals is None else KitchenSearch(model, goals, start, compact)
