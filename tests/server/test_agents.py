@@ -41,6 +41,22 @@ async def test_bot_plays_rematches_until_nobody_asks_for_one(
 
 
 @virtual
+async def test_bot_without_a_seat_in_the_rematch_returns_the_outcome(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    async with serving(tmp_path / "recordings") as server:
+        room = server.lobby.create(Create(task="multi_agent/01@2", max_steps=3))
+        request = SeatRequest(server.url, ("robo",), episode=room.code, seat="robot1", stay=True)
+        playing = asyncio.create_task(play_seat(request, BotSetup(BotKind.RANDOM, seed=7)))
+        async with connect(server.url, name="ada") as ada, connect(server.url, name="eve") as eve:
+            await play(await ada.join(room.code, seat="robot2"), policy_maker(BotKind.RANDOM))
+            rematch = await ada.rematch()
+            await eve.join(rematch.code, seat="robot1")
+            assert (await playing)["reason"] == "step_limit"
+
+
+@virtual
 async def test_agent_is_recorded_and_hidden(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

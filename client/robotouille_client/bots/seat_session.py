@@ -132,7 +132,11 @@ async def _take_seat(request: SeatRequest, player: Player, joining: _Joining) ->
             if kept is not None:
                 kept.forget()
             while outcome and request.stay and await _has_rematch(client, game):
-                game = await client.rematch(view=joining.view, agent=joining.agent)
+                try:
+                    game = await client.rematch(view=joining.view, agent=joining.agent)
+                except ProtocolError as error:  # Others may have all seats, or have closed it.
+                    tell(printable(f"the rematch is played without this bot: {error}"), err=True)
+                    break
                 outcome = await _play(client, game, player, None)
             if not outcome:
                 raise RobotouilleError(game.farewell or "the connection was lost for good")
