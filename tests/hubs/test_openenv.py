@@ -233,6 +233,37 @@ async def test_names_of_other_sites_that_lead_here_are_refused() -> None:
             assert own.status_code == 200
 
 
+@pytest.mark.parametrize(
+    ("own", "host", "accepted"),
+    [
+        ("127.0.0.1", "evil.example", False),
+        ("::ffff:127.0.0.1", "evil.example", False),
+        ("::ffff:127.0.0.1", "[::ffff:127.0.0.1]:8000", True),
+        ("10.0.0.7", "kitchen.example", True),
+    ],
+)
+async def test_only_servers_within_this_machine_need_its_name(
+    *, own: str, host: str, accepted: bool
+) -> None:
+    from starlette.responses import PlainTextResponse
+
+    from robotouille_env.server.guard import Guard
+
+    guard = Guard(PlainTextResponse("played"))
+    headers = [(b"host", host.encode())]
+    scope: dict[str, Any] = {"type": "http", "path": "/", "server": (own, 8000), "headers": headers}
+    sent: list[Any] = []
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    async def receive() -> dict[str, Any]:
+        return {"type": "http.request", "body": b"", "more_body": False}
+
+    await guard(scope, receive, send)
+    assert (sent[0]["status"] == 200) is accepted
+
+
 async def test_large_bodies_are_refused_before_they_are_stored() -> None:
     import httpx
 
