@@ -7,6 +7,9 @@ import { readTask } from "../rules/task.js";
 
 /** @typedef {(what: string) => Promise<any>} Get Returns a part of the episode by its path. */
 
+/** Milliseconds after which the page asks again for what it could not load. News come faster. */
+const AGAIN = 5000;
+
 export class LiveKitchen {
   /** @param {HTMLCanvasElement} canvas @param {Get} get */
   constructor(canvas, get) {
@@ -21,6 +24,7 @@ export class LiveKitchen {
     /** @type {Kitchen | null} */
     this.kitchen = null;
     this.loading = false;
+    this.next = 0;
     this.closed = false;
     this.resized = new ResizeObserver(() => this.resize());
   }
@@ -29,7 +33,7 @@ export class LiveKitchen {
   update(row) {
     this.row = row;
     if (this.kitchen && row.state.size <= this.tables.size) this.show();
-    else if (!this.loading && !this.closed) void this.load();
+    else if (!this.loading && !this.closed && performance.now() >= this.next) void this.load();
   }
 
   async load() {
@@ -42,6 +46,7 @@ export class LiveKitchen {
     } catch {
       // The rest of the panel works without a picture.
       this.canvas.hidden = true;
+      this.next = performance.now() + AGAIN;
     }
     this.loading = false;
   }
@@ -51,6 +56,7 @@ export class LiveKitchen {
     const look = await loadLook(task, async ({ type, digest }) =>
       type === "get_rendering" ? { type, ...this.tables.look }
         : { type: "picture", ...await this.get(`pictures/${digest}`) });
+    if (this.closed) return;
     const quiet = matchMedia("(prefers-reduced-motion: reduce)");
     this.kitchen = new Kitchen(this.canvas, task, look, { reducedMotion: quiet.matches });
     this.resized.observe(this.canvas);
@@ -70,9 +76,11 @@ export class LiveKitchen {
   show() {
     const { kitchen, tables, row, state } = this;
     const { step, outcome, seats, step_rate: rate } = row;
-    if (!kitchen || (state?.step === step && !outcome)) return;
-    this.state = State.fromSnapshot(kitchen.task, { ...tables, ...row.state, step });
+    if (!kitchen) return;
+    // People also come and go in a paused game.
     kitchen.seats = seats;
+    if (state?.step === step && !outcome) return;
+    this.state = State.fromSnapshot(kitchen.task, { ...tables, ...row.state, step });
     kitchen.show(this.state, {
       step,
       // Fast games show some of their steps only.
