@@ -443,10 +443,11 @@ class TestTakeover:
                 assert games[0].own_seats != games[1].own_seats
 
     @virtual
-    @pytest.mark.parametrize("seen", [False, True])
+    @pytest.mark.parametrize(("seen", "prepared"), [(False, False), (True, False), (True, True)])
     async def test_a_step_that_comes_or_goes_after_the_claim_leaves_one_true_recording(
-        self, tmp_path: Path, *, seen: bool
+        self, tmp_path: Path, *, seen: bool, prepared: bool
     ) -> None:
+        """`prepared`: the owner was about to hand the episode over, but did not."""
         async with cluster_of(tmp_path, max_steps=6) as nodes:
             async with (
                 connect(nodes[0].url, name="ada") as ada,
@@ -456,6 +457,10 @@ class TestTakeover:
                 await step(*games)
                 episode, storage = games[0].episode, nodes.nats.storage
                 owner = nodes.owner(episode)
+                for other in nodes.others(owner) if prepared else ():
+                    record = other.cluster.node.directory.find(episode)
+                    assert record is not None
+                    await other.cluster.node.claims.prepare(record)
                 owner.bus.cut(answers_only=True)
                 second = asyncio.create_task(step(*games))
                 await asyncio.sleep(0.2)

@@ -104,14 +104,19 @@ class Claims:
         while len(self._prepared) > MAX_PREPARED:
             del self._prepared[next(iter(self._prepared))]
 
-    async def claim(self, record: EpisodeRecord) -> str:
-        """Take an episode over; return why that was not possible, or an empty text."""
+    async def claim(self, record: EpisodeRecord, *, handed_over: bool = False) -> str:
+        """Take an episode over; return why that was not possible, or an empty text.
+
+        Args:
+            record: The episode.
+            handed_over: True if its node lives and gives it up.
+        """
         if record.episode in self._under_way:
             return "it is being claimed already"
         self._under_way.add(record.episode)
         try:
             async with self._limit:
-                return await self._continue(record)
+                return await self._continue(record, handed_over=handed_over)
         except ConflictError:
             return "another node was first"
         except BusError as error:
@@ -129,7 +134,7 @@ class Claims:
         get_logger().error("episode not taken over", episode=record.episode, error=why)
         return why
 
-    async def _continue(self, record: EpisodeRecord) -> str:
+    async def _continue(self, record: EpisodeRecord, *, handed_over: bool) -> str:
         # The copy of the directory may be behind, and the episode in good hands.
         if await self._has_changed(record):
             return "another node was first"
@@ -151,7 +156,9 @@ class Claims:
         if restored.complete:
             await self._closing.finish(record.episode, record.file, kept=True, content=content)
             return "it has ended"
-        sequence = await self._restate(record, sequence, content, restored, prepared)
+        # While a node hands its episodes over, NATS has confirmed what they wrote.
+        keep = restored.kept if handed_over else max(0, restored.kept - RESTATED)
+        sequence = await self._restate(record, sequence, content, restored, keep)
         mine = record.model_copy(update={"node": self._keeper.name, "claim": sequence})
         if not await self._directory.replace(mine):
             return "another node was first"
@@ -218,16 +225,14 @@ class Claims:
         sequence: int,
         content: bytes,
         restored: Restored,
-        prepared: Prepared | None,
+        keep: int,
     ) -> int:
-        """Write the end of a journal as it was read; return the sequence number of the journal.
+        """Write a journal after its first `keep` bytes as it was read; return its last number.
 
         After a loss of power, the servers of NATS may differ for a while: messages that have not
         been acknowledged appear after they were read, or disappear. From now on the journal is what
         this node has read.
         """
-        handed_over = prepared is not None
-        keep = restored.kept if handed_over else max(0, restored.kept - RESTATED)
         data = content[keep : restored.kept] + restored.missing
         if not data and keep == len(content):
             return sequence

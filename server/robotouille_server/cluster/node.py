@@ -521,7 +521,7 @@ class ClusterNode:
         # episode. A claim would take the episode from a node that is alive.
         if data != record.node.encode():
             return b"another node has it"
-        return (await self.claims.claim(record)).encode()
+        return (await self.claims.claim(record, handed_over=True)).encode()
 
     def _give_up(self, episode: str, target: NodeReport | None = None) -> None:
         """Send the participants of an episode to the node that has it."""
