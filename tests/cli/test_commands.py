@@ -58,7 +58,7 @@ def test_commands_refuse_kitchens_with_faults(tmp_path: Path, command: str) -> N
     path.write_text(json.dumps(raw))
     refused = robotouille(command, str(path))
     assert refused.exit_code == 1
-    assert refused.output.startswith(f"{path}: robot1: faces")
+    assert refused.output.startswith(f"{path}: players[0]: robot1 faces")
     assert "players start at a station" in refused.output
 
 

@@ -69,7 +69,8 @@ def test_other_durations_do_not_matter() -> None:
 
 @pytest.mark.parametrize("path", sorted(WEIGHTS.glob("*.npz")), ids=lambda path: path.stem)
 def test_shipped_policies_cook_with_themselves(path: Path) -> None:
-    actor, start = read_actor(path), World("training/03@2").initial
+    actor = read_actor(path)
+    start = World(actor.task).initial
     team = {p: TrainedPolicy(actor, start, p, seed=1) for p in start.world.players}
     plan, last = play_in_lockstep(start, team, 20)
     assert last.goal_reached

@@ -112,7 +112,7 @@ class TestClosedFiles:
         bits: Iterable[int] = [*range(0, end - 64, 97 * STRIDE), *range(end - 64, end, 17)]
         counts = flip_some(short_game, bits, closed=True)
         assert set(counts) <= {"noticed, in the header", "noticed", "nothing changed"}
-        assert counts["noticed"] > 10, "no flip after the header"
+        assert counts["noticed"] > 5, "no flip after the header"
 
     @pytest.mark.parametrize("more", [b"\0", b"garbage", compress(small_frames())])
     def test_nothing_may_follow_the_compressed_stream(self, more: bytes) -> None:

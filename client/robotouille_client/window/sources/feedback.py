@@ -57,6 +57,7 @@ class Blockages:
         self._now = now
         self._waits: dict[tuple[str, str], float] = {}
         self._requests: dict[str, tuple[_Request, ...]] = {}
+        self._earlier: dict[str, tuple[_Request, ...]] = {}
 
     def said(
         self, player: str, text: str, signal: Signal | None, state: State, wording: Wording
@@ -96,14 +97,17 @@ class Blockages:
     ) -> None:
         """Update requests after a step: (player, action, applied) in `did`, waiting in `waits`."""
         placed, until = scene(state), self._now() + ASKED_SECONDS
-        # A player who works at something has given up the request. A walk alone proves nothing:
-        # players step aside while they wait.
+        # A player who works at something does not need the request now. A walk alone proves
+        # nothing: players step aside while they wait.
         for player, action, applied in did:
             if applied and action is not None:
                 self._waits = {wait: t for wait, t in self._waits.items() if wait[0] != player}
-                if action.destination is None:
-                    self._requests.pop(player, None)
-        # Bots that wait say so in each step, which renews their requests.
+                if action.destination is None and player in self._requests:
+                    self._earlier[player] = self._requests.pop(player)
+        # Bots that wait say so in each step, which renews their requests. They do not ask again
+        # after other work.
+        for player in {*waits} & self._earlier.keys():
+            self._requests.setdefault(player, self._earlier.pop(player))
         for player in {*waits} & self._requests.keys():
             self._requests[player] = tuple(
                 replace(each, until=until, stood=placed[player].at)
