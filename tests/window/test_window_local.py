@@ -273,6 +273,21 @@ def test_a_request_for_a_station_lasts_while_standing_still() -> None:
     assert blockages.at(world.initial) == ()
 
 
+def test_a_request_comes_back_after_short_work_only() -> None:
+    timer, world = Timer(), World("multi_agent/02")
+    one, other = world.players[:2]
+    there = standing_at(world.initial, other) or ""
+    wording, blockages = Wording(world, NO_WORDS), Blockages(timer)
+    work = next(action for action in world.ground_actions(one) if action.destination is None)
+    blockages.said(one, "I need it", Signal(Intent.NEED, there), world.initial, wording)
+    for seconds, shown in (10.0, ((one, there, other),)), (31.0, ()):
+        blockages.stepped([(one, work, True)], (), world.initial)
+        assert blockages.at(world.initial) == ()
+        timer.now += seconds
+        blockages.stepped([], (one,), world.initial)
+        assert blockages.at(world.initial) == shown
+
+
 class SlowPartners(PromptPartners):
     """Bots that answer when the test says so."""
 

@@ -96,7 +96,7 @@ class Blockages:
         state: State,
     ) -> None:
         """Update requests after a step: (player, action, applied) in `did`, waiting in `waits`."""
-        placed, until = scene(state), self._now() + ASKED_SECONDS
+        placed, now = scene(state), self._now()
         # A player who works at something does not need the request now. A walk alone proves
         # nothing: players step aside while they wait.
         for player, action, applied in did:
@@ -107,10 +107,11 @@ class Blockages:
         # Bots that wait say so in each step, which renews their requests. They do not ask again
         # after other work.
         for player in {*waits} & self._earlier.keys():
-            self._requests.setdefault(player, self._earlier.pop(player))
+            again = tuple(each for each in self._earlier.pop(player) if each.until > now)
+            self._requests.setdefault(player, again)
         for player in {*waits} & self._requests.keys():
             self._requests[player] = tuple(
-                replace(each, until=until, stood=placed[player].at)
+                replace(each, until=now + ASKED_SECONDS, stood=placed[player].at)
                 for each in self._requests[player]
             )
 
