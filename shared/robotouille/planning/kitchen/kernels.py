@@ -10,7 +10,6 @@ are enough. Kernels read both forms with the same code: `kitchen.total[process][
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, MutableSequence, Sequence
 from dataclasses import fields
 from functools import cache
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import Any, TypeAlias, TypeVar, cast, get_type_hints
 
 from robotouille.compiling import COMPILED, cache_folder, compiler
+from robotouille.terminal import tell
 
 __all__ = [
     "COMPILED",
@@ -70,7 +70,7 @@ def announce_compiling() -> None:
     """
     if to_be_compiled() and parent_process() is None:
         words = "compiling the planner, which takes up to a minute, once for this machine"
-        print(f"{words} (ROBOTOUILLE_COMPILE=0 turns this off)", file=sys.stderr, flush=True)
+        tell(f"{words} (ROBOTOUILLE_COMPILE=0 turns this off)", err=True)
 
 
 def ints(values: Iterable[int]) -> Ints:
