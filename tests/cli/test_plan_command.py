@@ -52,6 +52,9 @@ def plan(*words: str) -> Result:
     return CliRunner().invoke(app, ["plan", *words])
 
 
+SOLVE = optimal.solve
+
+
 @pytest.fixture(autouse=True)
 def solver(monkeypatch: pytest.MonkeyPatch) -> Any:
     """Return a function that replaces the planner, which is `proving` at first."""
@@ -226,7 +229,8 @@ def test_short_search_does_not_wait_for_the_compiler(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.slow
-def test_compiling_is_announced(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compiling_is_announced(solver: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    solver(SOLVE)
     monkeypatch.setattr(kernels, "to_be_compiled", lambda: True)
     monkeypatch.setattr("robotouille_client.cli.plan.searched_plainly", lambda *_: None)
     kernels.announce_compiling.cache_clear()
