@@ -358,14 +358,24 @@ def _invitation(server: Server, room: Room) -> list[str]:
     url = f" --url {address}" if address != "ws://127.0.0.1:8765" else ""
     token = " --token TOKEN" if server.settings.require_token else ""
     clock, seats = room.episode.rules.clock.value, len(room.world.players)
+    there = f"{room.code}{url}{token}"
+    entries = [
+        f"  play:   robotouille-client {there}",
+        f"  a bot:  robotouille-bot planner --episode {there}",
+        *_page(server, room),
+    ]
+    if room.episode.rules.limited_sight is not None:
+        entries = [
+            "  players see a part of the kitchen, so only language models and own programs play:",
+            f"          robotouille-bot llm --model MODEL --episode {there}",
+            f"  watch:  robotouille-client {there} --watch",
+        ]
     return [
         f"Robotouille is serving {room.world.task.name} ({clock}) at {address}",
         f"  for {seats} player{'s' * (seats > 1)}, the kitchen's code is {room.code}",
         _validity(room),
         f"  another game:  robotouille-client --create TASK{url}{token}",
-        f"  play:   robotouille-client {room.code}{url}{token}",
-        f"  a bot:  robotouille-bot planner --episode {room.code}{url}{token}",
-        *_page(server, room),
+        *entries,
         *_for_others(server, room, token),
     ]
 

@@ -88,6 +88,7 @@ def test_shift_has_points() -> None:
         (["scripted"], "shifts/01_sandwich_bar@2", "partner: shifts/01_sandwich_bar is a shift"),
         (["random"], "synchronous/01", "needs two seats or more"),
         (["random", "--out", "means.txt"], TASK, "expected a file .csv or .json"),
+        (["random", "--out", "nowhere/means.csv"], TASK, "--out: no folder nowhere"),
     ],
 )
 def test_wrong_requests_get_one_line(words: list[str], task: str, why: str) -> None:

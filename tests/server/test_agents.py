@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from robotouille import GroundAction, State
 from robotouille.protocol.messages import Create
 from robotouille.replay import read_recording
 from robotouille_client.bots.kinds import BotKind, BotSetup, policy_maker
@@ -38,6 +40,25 @@ async def test_bot_plays_rematches_until_nobody_asks_for_one(
     for each in recordings:
         assert each.participants == {"robot1": ("robo", "bot"), "robot2": ("ada", "human")}
         assert [note["agent"] for note in each.notes() if note.get("agent")] == ["random seed=7"]
+
+
+class ActOnly:
+    """Policy as users write it, without `observe`."""
+
+    def __init__(self, state: State, player: str) -> None:
+        self.player = player
+
+    def act(self, state: State) -> GroundAction:
+        return state.actions(self.player)[0]
+
+
+@virtual
+async def test_a_policy_needs_no_observe(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server, connect(server.url, name="ada") as ada:
+        created = await ada.create("synchronous/01", max_steps=3)
+        game = await ada.join(created.code)
+        make: Any = ActOnly
+        assert (await play(game, make))["steps"] == 3
 
 
 @virtual

@@ -164,6 +164,15 @@ async def test_greeting_says_when_the_kitchen_closes(
 
 
 @virtual
+async def test_greeting_names_programs_that_can_play_with_limited_sight(tmp_path: Path) -> None:
+    async with serving(tmp_path, sight=2) as server:
+        greeting = _greeting(server, first_room(server), "")
+        assert "robotouille-bot llm --model MODEL --episode" in greeting
+        assert "robotouille-bot planner" not in greeting
+        assert "in a browser" not in greeting
+
+
+@virtual
 async def test_greeting_says_how_to_open_more_games(tmp_path: Path) -> None:
     async with serving(tmp_path) as server:
         room = first_room(server)

@@ -112,8 +112,10 @@ class SeatPolicy:
         for event in unheard:
             if isinstance(event, StateChanged):
                 self._state = event.state
-                if event.previous is not None:
-                    policy.observe(event.did)
+                # Users may leave `observe` out of their policies.
+                observe = getattr(policy, "observe", None)
+                if event.previous is not None and observe is not None:
+                    observe(event.did)
             if not isinstance(policy, TeamPolicy):
                 continue
             if isinstance(event, ChatReceived) and event.seat:

@@ -140,6 +140,7 @@ def _info(recording: Recording) -> dict[str, Any]:
         "goal": task["problem"].get("goal_description", ""),
         "clock": head["rules"]["clock"],
         "timing": task["timing"],
+        "sight": _sight(head["rules"]),
         "seed": head["seed"],
         "created": head["created"],
         "software": head["software"],
@@ -152,6 +153,13 @@ def _info(recording: Recording) -> dict[str, Any]:
         "staleness": {player: seat.staleness for player, seat in seats.items()},
         "outcome": recording.outcome,
     }
+
+
+def _sight(rules: dict[str, Any]) -> str:
+    """Return in words how far players see."""
+    tiles = rules.get("sight")
+    far = "everything" if tiles is None else f"{tiles} tile{'s' * (tiles != 1)}"
+    return f"{far} not behind stations" if rules.get("sight_blocked") else far
 
 
 def _info_texts(file: Path, rows: dict[str, Any]) -> dict[str, Any]:

@@ -64,8 +64,11 @@ def cross_play(
     )
     from robotouille_evaluation.cross_play.partners import partners_named
 
-    if options.out is not None and options.out.suffix not in (".csv", ".json"):
-        raise RobotouilleError(f"--out: expected a file .csv or .json, found {options.out}")
+    if options.out is not None:
+        if options.out.suffix not in (".csv", ".json"):
+            raise RobotouilleError(f"--out: expected a file .csv or .json, found {options.out}")
+        if not options.out.absolute().parent.is_dir():
+            raise RobotouilleError(f"--out: no folder {options.out.parent}")
     loaded = load_task(task)
     if len(World(loaded).players) < 2:
         raise RobotouilleError(f"cross-play needs two seats or more; {task} has one")

@@ -355,9 +355,13 @@ def check_limited_sight(session: Session, request: messages.Join) -> None:
     if request.role == "spectator":
         if session.role is Role.PLAYER:
             message = (
-                "players of this game see a part of the kitchen; watching needs a token for it"
+                "players of this game see a part of the kitchen, so only people with a link or "
+                "token for spectators can watch it"
             )
             raise ProtocolError("auth/role", message, "role")
     elif request.view != "text" and not request.partial:
-        message = "players of this game see a part of the kitchen, and this program needs all of it"
+        message = (
+            "players of this game see a part of the kitchen, and this program needs all of it; "
+            "language models play it, and programs that join with partial"
+        )
         raise ProtocolError("seat/partial", message, "partial")
