@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,12 @@ from tests.support.servers import serving
 from tests.support.virtual_time import virtual
 
 
+def bot_that_stays(url: str, code: str) -> asyncio.Task[Mapping[str, Any]]:
+    """Let a bot play the first seat of a game and of its rematches."""
+    request = SeatRequest(url, ("robo",), episode=code, seat="robot1", stay=True)
+    return asyncio.create_task(play_seat(request, BotSetup(BotKind.RANDOM, seed=7)))
+
+
 @virtual
 async def test_bot_plays_rematches_until_nobody_asks_for_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -26,8 +33,7 @@ async def test_bot_plays_rematches_until_nobody_asks_for_one(
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     async with serving(tmp_path / "recordings") as server:
         room = server.lobby.create(Create(task="multi_agent/01@2", max_steps=3))
-        request = SeatRequest(server.url, ("robo",), episode=room.code, seat="robot1", stay=True)
-        playing = asyncio.create_task(play_seat(request, BotSetup(BotKind.RANDOM, seed=7)))
+        playing = bot_that_stays(server.url, room.code)
         async with connect(server.url, name="ada", kind="human") as ada:
             game = await ada.join(room.code, seat="robot2")
             for number in range(3):
@@ -68,8 +74,7 @@ async def test_bot_without_a_seat_in_the_rematch_returns_the_outcome(
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     async with serving(tmp_path / "recordings") as server:
         room = server.lobby.create(Create(task="multi_agent/01@2", max_steps=3))
-        request = SeatRequest(server.url, ("robo",), episode=room.code, seat="robot1", stay=True)
-        playing = asyncio.create_task(play_seat(request, BotSetup(BotKind.RANDOM, seed=7)))
+        playing = bot_that_stays(server.url, room.code)
         async with connect(server.url, name="ada") as ada, connect(server.url, name="eve") as eve:
             await play(await ada.join(room.code, seat="robot2"), policy_maker(BotKind.RANDOM))
             rematch = await ada.rematch()
