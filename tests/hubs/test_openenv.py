@@ -333,3 +333,14 @@ def test_manifest_matches_the_package() -> None:
     assert manifest["version"] == project["version"]
     module = manifest["app"].partition(":")[0].replace(".", "/")
     assert (folder / module).with_suffix(".py").exists()
+
+
+def test_readme_has_the_header_of_a_space() -> None:
+    import yaml
+
+    folder = ROOT / "packages/robotouille_env"
+    manifest = yaml.safe_load((folder / "openenv.yaml").read_text(encoding="utf-8"))
+    start, header, _ = (folder / "README.md").read_text(encoding="utf-8").split("---\n", 2)
+    space = yaml.safe_load(header)
+    assert (start, space["sdk"], space["app_port"]) == ("", "docker", manifest["port"])
+    assert "openenv" in space["tags"]
