@@ -174,9 +174,10 @@ class UnknownTaskError(RobotouilleError):
     def __init__(self, name: str, valid: Iterable[str], file: str | None = None) -> None:
         self.name = name
         names = list(valid)
-        # Tasks may be named by folder and number. A misspelt folder is then nearer to such a short
-        # name than to the right full one.
+        # Tasks may be named by folder and number, 01 or 1. A misspelt folder is then nearer to such
+        # a short name than to the right full one.
         short = {short[0] for each in names if (short := re.match(r".*/[^_]*", each))}
+        short |= {each.replace("/0", "/") for each in short}
         near = (
             did_you_mean(name, [*names, *sorted(short)])
             if file is None

@@ -86,9 +86,23 @@ def test_unknown_names(name: str) -> None:
     assert "`robotouille tasks` lists the tasks" in str(error.value)
 
 
-def test_similar_name_is_suggested() -> None:
-    with pytest.raises(UnknownTaskError, match="did you mean 'synchronous/01_cheese_sandwich'"):
-        load_task("synchronous/1_cheese_sandwihc")
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("synchronous/1_cheese_sandwihc", "synchronous/01_cheese_sandwich"),
+        ("asynchronus/01", "asynchronous/01"),
+        ("asynchronus/1", "asynchronous/1"),
+        ("asynchronus/10", "asynchronous/10"),
+        ("synchronus/03", "synchronous/03"),
+        ("multiagent/02", "multi_agent/02"),
+    ],
+)
+def test_similar_name_is_suggested(name: str, meant: str) -> None:
+    """A misspelt folder does not lead to another dish."""
+    with pytest.raises(UnknownTaskError, match=f"did you mean '{meant}'") as error:
+        load_task(name)
+    assert error.value.name == name
+    load_task(meant)
 
 
 def test_seats() -> None:
