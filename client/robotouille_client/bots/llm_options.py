@@ -78,8 +78,12 @@ class LlmBotOptions(ModelOptions):
     """The options of a language model that plays on a server."""
 
     strategy: Annotated[
-        str, typer.Option(help="Strategy of the language model (docs/evaluate_models.md).")
-    ] = "react-last-reasoning-action"
+        str,
+        typer.Option(
+            help="Strategy of the language model (docs/evaluate_models.md). Default: "
+            "react-last-reasoning-action-plan, or react-last-reasoning-action with --control joint."
+        ),
+    ] = ""
     pack: Annotated[
         str,
         typer.Option(

@@ -198,6 +198,12 @@ OWN_STRATEGIES: Mapping[str, Callable[[Pack, str], Strategy]] = {
 
 PAPER_REACT = "react-last-reasoning-action-plan"
 
+
+def default_strategy(control: Control) -> str:
+    """Return the paper's ReAct. The joint prompt has no plan, so `joint` gets ReAct without it."""
+    return PAPER_REACT.removesuffix("-plan") if control == "joint" else PAPER_REACT
+
+
 STRATEGY_WORDS: Mapping[str, str] = {
     "io": "asks once for the whole plan",
     "io-cot": "as io, with the effect of each action",

@@ -17,7 +17,12 @@ from robotouille_client import Game
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.bots.llm_options import LlmBotOptions
 from robotouille_evaluation.agents.joint_team import JointTeam
-from robotouille_evaluation.agents.making import make_strategy, team_strategy
+from robotouille_evaluation.agents.making import (
+    PAPER_REACT,
+    default_strategy,
+    make_strategy,
+    team_strategy,
+)
 from robotouille_evaluation.agents.network import NetworkAgent
 from robotouille_evaluation.agents.proposal import Complete, ContextOverflow, Exchange, exchange_row
 from robotouille_evaluation.agents.team import Control, IndependentTeam, TurnsTeam
@@ -51,7 +56,7 @@ class LanguageModelBot:
     """
 
     model: ModelChoice
-    strategy: str = "react-last-reasoning-action"
+    strategy: str = PAPER_REACT
     transcript: Path | None = None
     seed: int = 0
     options: RealTimeOptions = field(default_factory=RealTimeOptions)
@@ -75,9 +80,8 @@ class LanguageModelBot:
             options.max_age,
         )
         choice = ModelChoice.of_options(options)
-        return cls(
-            choice, options.strategy, options.transcript, seed, real_time, control, options.pack
-        )
+        strategy = options.strategy or default_strategy(control)
+        return cls(choice, strategy, options.transcript, seed, real_time, control, options.pack)
 
     @property
     def partial(self) -> bool:

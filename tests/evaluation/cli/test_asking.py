@@ -13,6 +13,8 @@ from typer.testing import CliRunner, Result
 
 from robotouille.errors import RobotouilleError, WrongArgumentError
 from robotouille_client.bots.llm_options import LlmBotOptions
+from robotouille_evaluation.agents.making import PAPER_REACT
+from robotouille_evaluation.agents.team import Control
 from robotouille_evaluation.cli.benchmark import benchmark
 from robotouille_evaluation.cli.bot import LanguageModelBot
 from robotouille_evaluation.cli.models import ModelChoice
@@ -210,6 +212,15 @@ def test_bot_options_reach_the_endpoint() -> None:
     with pytest.raises(WrongArgumentError, match="prices"):
         LanguageModelBot.of(LlmBotOptions(**options, price="1"))
     assert ModelChoice("m").endpoint() == Endpoint("m")
+
+
+@pytest.mark.parametrize("control", ["each", "turns", "joint"])
+async def test_bot_plays_the_papers_react_by_default(control: Control) -> None:
+    bot = LanguageModelBot.of(LlmBotOptions(), control=control)
+    assert bot.strategy == ("react-last-reasoning-action" if control == "joint" else PAPER_REACT)
+    assert LanguageModelBot(ModelChoice("m")).strategy == PAPER_REACT
+    async with bot.opened():  # raises an error if the strategy does not support the control
+        pass
 
 
 async def test_bot_plays_the_experiments_of_a_pack(tmp_path: Path) -> None:
