@@ -83,7 +83,9 @@ def test_shift_has_points() -> None:
     ("words", "task", "why"),
     [
         (["plannr"], TASK, "unknown partner 'plannr'"),
-        (["random", "random"], TASK, "two partners are called 'random'"),
+        (["random", "random"], TASK, "name one of them: NAME=random"),
+        (["a=random", "a=scripted"], TASK, "name one of them: NAME=scripted"),
+        (["a=plannr"], TASK, "unknown partner 'plannr'"),
         (["missing.npz"], TASK, "missing.npz: cannot be read"),
         (["scripted"], "shifts/01_sandwich_bar@2", "partner: shifts/01_sandwich_bar is a shift"),
         (["random"], "synchronous/01", "needs two seats or more"),
@@ -100,3 +102,29 @@ def test_wrong_requests_get_one_line(words: list[str], task: str, why: str) -> N
 def test_a_trained_policy_of_another_kitchen_is_refused(tmp_path: Path) -> None:
     result = cross_play(idle_actor(tmp_path / "idle.npz"), task="multi_agent/01@2")
     assert "idle was trained for training/03@2 and cannot play" in result.output.replace("\n", " ")
+
+
+def test_partners_can_be_named(tmp_path: Path) -> None:
+    (tmp_path / "rate=1").mkdir()
+    file = idle_actor(tmp_path / "rate=1" / "best.npz")
+    result = cross_play("one=random", "two=random", file, "--episodes", "1", "--max-steps", "3")
+    assert result.exit_code == 0, result.output
+    assert result.stdout.splitlines()[0].split() == ["success", "(%)", "one", "two", "best"]
+
+
+def test_error_of_an_own_policy_names_the_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    code = """class Cook:
+    def __init__(self, state, player): pass
+    def act(self, state): return state.actions("robot1")[1_000_000]
+"""
+    (tmp_path / "broken_cook.py").write_text(code, encoding="utf-8")
+    result = cross_play("broken_cook:Cook", "--episodes", "1")
+    assert result.exit_code == 1
+    file, line, message = [each for each in result.stderr.splitlines() if "^" not in each]
+    assert str(tmp_path / "broken_cook.py") in file and "line 3, in act" in file
+    assert line.strip().startswith("def act")
+    assert message.startswith("broken_cook:Cook.act raised IndexError: ")

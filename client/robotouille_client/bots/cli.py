@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -123,19 +122,6 @@ def _language_model(options: BotOptions) -> TextBot:
     return bot
 
 
-@contextmanager
-def _traceback_first() -> Iterator[None]:
-    """Print the lines of the user's own policy that failed before the error itself."""
-    from robotouille_client.bots.own_policy import OwnPolicyError
-
-    try:
-        yield
-    except OwnPolicyError as error:
-        if error.frames:
-            tell(error.frames, err=True)
-        raise
-
-
 @interruptible
 @failing
 @options_from(BotOptions)
@@ -155,20 +141,19 @@ def command(
     from robotouille_client.bots.seat_session import SeatRequest, play_seat
 
     seats = _requested_seats(kind, options)
-    with _traceback_first():
-        bot = _bot(kind, options)
-        own_name = [f"{Path(kind).stem.rpartition(':')[2]}-bot"]
-        default = own_name if is_own(kind) else given_names(options.seed, options.seat)
-        request = SeatRequest(
-            options.address,
-            [options.name] if options.name else default,
-            options.token,
-            options.episode,
-            options.seat,
-            seats,
-            options.stay,
-        )
-        outcome: Any = asyncio.run(play_seat(request, bot))
+    bot = _bot(kind, options)
+    own_name = [f"{Path(kind).stem.rpartition(':')[2]}-bot"]
+    default = own_name if is_own(kind) else given_names(options.seed, options.seat)
+    request = SeatRequest(
+        options.address,
+        [options.name] if options.name else default,
+        options.token,
+        options.episode,
+        options.seat,
+        seats,
+        options.stay,
+    )
+    outcome: Any = asyncio.run(play_seat(request, bot))
     if options.json_output:
         typer.echo(json.dumps(outcome))
     else:

@@ -159,6 +159,9 @@ def failing(command: Callable[P, None]) -> Callable[P, None]:
         try:
             command(*arguments, **options)
         except _expected_errors() as error:
+            # The lines of the user's own code that raised, if any: see `OwnPolicyError`.
+            if frames := getattr(error, "frames", ""):
+                tell(frames, err=True)
             fail(explain(error))
 
     return guarded

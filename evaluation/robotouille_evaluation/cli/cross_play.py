@@ -42,7 +42,7 @@ def cross_play(
         typer.Argument(
             metavar="PARTNER...",
             help="random, scripted, learner, partner, expert (planners with a skill), FILE.npz of "
-            "robotouille-train, or MODULE:NAME of your own.",
+            "robotouille-train, or MODULE:NAME of your own. NAME=PARTNER names it in the tables.",
         ),
     ],
     options: CrossPlayOptions,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -48,19 +48,31 @@ class Partner:
 
 
 def partners_named(names: Sequence[str], task: Task) -> list[Partner]:
-    """Return partners by their names.
+    """Return partners by their names, as in `random`, or by names of the user's: `noise=random`.
 
     Raises:
         RobotouilleError: A name is unknown or given twice, a file is invalid, or a scripted partner
             has no plan.
     """
-    found = [_partner(name, task) for name in names]
-    twice = {p.name for p in found if [each.name for each in found].count(p.name) > 1}
-    if twice:
-        raise RobotouilleError(
-            f"two partners are called {min(twice)!r}; give each a name of its own"
-        )
-    return found
+    found: dict[str, Partner] = {}
+    for given in names:
+        name, kind = _name_and_kind(given)
+        partner = _partner(kind, task)
+        if name:
+            partner = replace(partner, name=name)
+        if partner.name in found:
+            raise RobotouilleError(
+                f"two partners are called {partner.name!r}. Each partner also plays with itself; "
+                f"to list it twice, name one of them: NAME={kind}"
+            )
+        found[partner.name] = partner
+    return list(found.values())
+
+
+def _name_and_kind(given: str) -> tuple[str, str]:
+    name, mark, kind = given.partition("=")
+    # The path of a file can contain the sign, too.
+    return (name, kind) if mark and not Path(given).is_file() else ("", given)
 
 
 def _partner(name: str, task: Task) -> Partner:
