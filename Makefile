@@ -10,6 +10,7 @@ QUICK := smoke or not (slow or process or browser or nightly)
 unexport PYTHONDONTWRITEBYTECODE
 
 SEEDS ?= 0:2000
+CLUSTERS ?= 0:1000
 HOSTILE ?= 1000000
 AGREEMENT ?= 10000000
 
@@ -51,12 +52,13 @@ test: $(STAMP)  ## Run the quick tests: about 90 seconds
 test-all: $(STAMP)  ## Run all tests, also with processes, browser and proxies: four to eight minutes
 	$(PYTEST)
 
-nightly: $(STAMP)  ## Run drills, many seeds, hostile inputs and floods: hours; SEEDS=FROM:TO HOSTILE=COUNT
+nightly: $(STAMP)  ## Run drills, many seeds, hostile inputs and floods: hours; SEEDS=FROM:TO CLUSTERS=FROM:TO HOSTILE=COUNT
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,local]' --editable packages/robotouille-jax
 	ROBOTOUILLE_FUZZ=10 ROBOTOUILLE_ORACLE_TASKS=500 $(PYTEST) -m "nightly or not nightly"
 	$(MAKE) hubs
 	$(BIN)/python -m tests.programs.simulation --seeds $(SEEDS)
 	$(BIN)/python -m tests.programs.simulation --day
+	$(BIN)/python -m tests.programs.simulation.cluster --seeds $(CLUSTERS)
 	$(BIN)/python -m tests.programs.drill
 	$(BIN)/python -m tests.programs.cluster_drill all
 	$(BIN)/python -m tests.programs.hostile --count $(HOSTILE)
