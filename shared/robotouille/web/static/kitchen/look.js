@@ -219,14 +219,25 @@ export class Look {
     }
     /** @type {WeakMap<Task, Map<string, string>>} */
     this.states = new WeakMap();
+    /** @type {WeakMap<State, SceneSprites>} */
+    this.stages = new WeakMap();
     /** @type {Task | null} */
     this.task = null;
   }
 
-  /** Return everything to draw of a state. @param {State} state @returns {SceneSprites} */
+  /** Return everything to draw of a state, computed once. @param {State} state */
   stage(state) {
+    this.task = state.task;
+    const known = this.stages.get(state);
+    if (known) return known;
+    const stage = this.newStage(state);
+    this.stages.set(state, stage);
+    return stage;
+  }
+
+  /** @param {State} state @returns {SceneSprites} */
+  newStage(state) {
     const { task } = state;
-    this.task = task;
     const placed = scene(state);
     const related = relations(state);
     const doing = underWay(state);

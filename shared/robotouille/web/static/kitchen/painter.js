@@ -125,8 +125,6 @@ export class Kitchen {
     this.shown = null;
     /** Number of states shown so far. */
     this.changes = 0;
-    /** @type {{state: State, stage: SceneSprites}[]} */
-    this.stages = [];
     /** @type {Animated | null} What moves in the step, computed once for all its frames. */
     this.animated = null;
     /** @type {HTMLCanvasElement | null} */
@@ -222,7 +220,7 @@ export class Kitchen {
     const { ratio } = this.layout;
     const tile = this.layout.tileAt(cssX * ratio, cssY * ratio);
     if (!tile || !this.shown) return null;
-    const { placed, stations } = this.stage(this.shown.state);
+    const { placed, stations } = this.look.stage(this.shown.state);
     /** @type {string | null} */
     let found = null;
     let least = Infinity;
@@ -247,16 +245,7 @@ export class Kitchen {
 
   /** Return the look of a station, a player or a visible object, or null. @param {string} name */
   appearanceOf(name) {
-    return this.shown && this.look.shown(this.stage(this.shown.state), name);
-  }
-
-  /** Return everything to draw of a state; the newest few are cached. @param {State} state */
-  stage(state) {
-    const known = this.stages.find((each) => each.state === state);
-    if (known) return known.stage;
-    const stage = this.look.stage(state);
-    this.stages = [{ state, stage }, ...this.stages.slice(0, 2)];
-    return stage;
+    return this.shown && this.look.shown(this.look.stage(this.shown.state), name);
   }
 
   /**
@@ -277,7 +266,7 @@ export class Kitchen {
     const since = this.ended === null ? null : now - this.ended;
     // The effects of the end last as long as the players cheer.
     const animation = this.animation(state, before, (since ?? 0) < CHEER_SECONDS ? this.outcome : "");
-    const stage = this.stage(state);
+    const stage = this.look.stage(state);
     const phase = this.visiblePhase(passed, animation);
     const flown = Math.floor((still ? 0 : Math.min(since ?? 0, CHEER_SECONDS)) * EFFECT_PICTURES);
     const held = new Set([...poses.keys()].filter((name) => stage.piles.has(name)));
@@ -289,7 +278,7 @@ export class Kitchen {
     this.lastKey = key;
     this.poses = phase === passed ? poses : this.motion.poses(state, before, step, phase);
     this.spots = spots(this.layout, stage, this.poses);
-    const earlier = before ? spots(this.layout, this.stage(before), this.poses) : this.spots;
+    const earlier = before ? spots(this.layout, this.look.stage(before), this.poses) : this.spots;
     const time = step + phase + flown / EFFECT_PICTURES / seconds;
     this.paint({ state, before, stage, animation, postures, phase, earlier, time });
     return true;
