@@ -1,4 +1,4 @@
-"""`robotouille benchmark`: run, resume, report, compare."""
+"""`robotouille benchmark`: run, resume, measure, report, compare."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import typer
 from robotouille.terminal import options_from, printable, tell
 from robotouille_client.console import failing
 from robotouille_evaluation.cli.examples import examples
+from robotouille_evaluation.cli.measuring import measure
 from robotouille_evaluation.cli.results import agreement, compare, report
 from robotouille_evaluation.cli.run_options import ResumeOptions, RunOptions, WorkerOptions
 
@@ -21,10 +22,11 @@ if TYPE_CHECKING:
 
 
 benchmark = typer.Typer(
-    no_args_is_help=True, help="Evaluate agents on packs of tasks: run, resume, report, compare."
+    no_args_is_help=True,
+    help="Evaluate agents on packs of tasks: run, resume, measure, report, compare.",
 )
 
-for command in (report, compare, agreement, examples):
+for command in (report, measure, compare, agreement, examples):
     benchmark.command()(command)
 
 
@@ -117,14 +119,14 @@ def _with_patience(job: EpisodeJob, timeout: float | None, attempts: int | None)
 
 
 def _warn_of_unknown_optima(planned: PlannedRun) -> None:
-    # Rows store the optimum, so a proof after the run comes too late.
     wanted = {(job.instance, job.seats) for job in planned.jobs if job.budget != "shift"}
     unknown = [1 for name, seats in wanted if planned.pack.instance(name).best(seats) is None]
     if unknown:
         tell(
             f"{len(unknown)} of {len(wanted)} instances have no known shortest plan, so their "
             "optimality will be missing from the report; "
-            f"run `robotouille pack prove {planned.folder}` before a run to find plans",
+            f"`robotouille pack prove {planned.folder}` finds plans, and "
+            "`robotouille benchmark measure` adds them to a run",
             err=True,
         )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -18,7 +18,7 @@ from robotouille.errors import RobotouilleError
 from robotouille.planning import solve
 from robotouille.terminal import printable, tell
 from robotouille_client.console import explain, fail, terminable
-from robotouille_client.console.progress import progress_bar
+from robotouille_evaluation.cli.progress import bar_or_lines
 from robotouille_evaluation.packs.built_in import BUILT_IN, find_pack
 from robotouille_evaluation.packs.checking import (
     EXPANSIONS,
@@ -38,8 +38,8 @@ pack = typer.Typer(
     help="Import, build, check, prove and compare packs of tasks for the benchmark.",
 )
 
-SAVE_SECONDS, LOG_SECONDS = 60.0, 30.0
-"""Periods for saving proofs, and for lines of progress without a terminal."""
+SAVE_SECONDS = 60.0
+"""Period for saving proofs."""
 
 FolderArgument = Annotated[Path, typer.Argument(help="Folder of a pack.")]
 PackArgument = Annotated[
@@ -61,7 +61,7 @@ def import_(
 
     Missing parts are listed, and the rest is imported. Exit status 1 if files are invalid.
     """
-    with _errors(), _bar("instances") as progress:
+    with _errors(), bar_or_lines("instances") as progress:
         found = read_checkout(checkout, progress=progress)
         folder = _write(found.pack, out)
     if json_output:
@@ -102,7 +102,7 @@ def build(
     json_output: JsonOption = False,
 ) -> None:
     """Make a pack from the shipped tasks and their instances."""
-    with _errors(), _bar("tasks") as progress:
+    with _errors(), bar_or_lines("tasks") as progress:
         built = BUILT_IN[name](progress)
         folder = _write(built, out)
     if json_output:
@@ -147,7 +147,7 @@ def check(pack: PackArgument, json_output: JsonOption = False) -> None:
     """
     with _errors():
         found = find_pack(pack)
-    with _bar("instances") as progress:
+    with bar_or_lines("instances") as progress:
         faults = check_pack(found, progress)
     if json_output:
         typer.echo(json.dumps({**_row(found), "faults": faults}, indent=2))
@@ -176,7 +176,7 @@ def prove(
     with _errors(), terminable():
         found = read_pack(folder)
         proven: list[PackInstance] = []
-        with suppress(KeyboardInterrupt), _bar("instances") as progress:
+        with suppress(KeyboardInterrupt), bar_or_lines("instances") as progress:
             written = time.monotonic()
             for instance in prove_instances(
                 found, solve, expansions=expansions, seconds=timeout, progress=progress
@@ -245,20 +245,3 @@ def _errors() -> Iterator[None]:
         fail(explain(error))
     except KeyboardInterrupt:
         fail("interrupted; nothing was written", 130)
-
-
-@contextmanager
-def _bar(what: str) -> Iterator[Callable[[int, int], None]]:
-    """Show progress on stderr: a bar on a terminal, otherwise a line every half minute."""
-    terminal = Console(stderr=True).is_terminal
-    said = time.monotonic()
-    with progress_bar(what) as bar:
-
-        def progress(done: int, total: int) -> None:
-            nonlocal said
-            bar(done, total)
-            if not terminal and time.monotonic() - said >= LOG_SECONDS:
-                tell(f"{done} of {total} {what}", err=True)
-                said = time.monotonic()
-
-        yield progress

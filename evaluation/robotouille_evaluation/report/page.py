@@ -150,7 +150,10 @@ def _notes(rows: Sequence[ResultRow]) -> Iterator[str]:
         first = f"the first: {broken[0].error}"[:300]
         yield f"{_episode_count(len(broken))} ended with an error and count as failed; {first}"
     if unproven:
-        yield f"{_episode_count(unproven)} without an optimality rate: no optimum is proven"
+        yield (
+            f"{_episode_count(unproven)} without an optimality rate: no optimum is proven "
+            "(`robotouille pack prove`, then `robotouille benchmark measure`)"
+        )
     if len({row.pack.digest for row in rows}) > 1:
         yield "the results come from several packs, and players are listed separately for each"
     if len({row.budget.rule for row in rows}) > 1:

@@ -282,8 +282,8 @@ def steps_to_go(rows: Sequence[ResultRow], reference: Reference) -> Table:
         "Fewest steps from the last state to the goal / fewest steps from the first state, of "
         "failures. Below 0.5 is progress; above 1 is farther away than at the start. A bin "
         "contains its lower bound, as in the published histogram. "
-        "`robotouille benchmark run --steps-to-go` computes it during a run; it cannot be added "
-        "later."
+        "`robotouille benchmark run --steps-to-go` computes it during a run, and `robotouille "
+        "benchmark measure` adds it later."
     )
     columns = ("player", "data set", *STEPS_TO_GO_BINS, AWAY, "failures", "not known")
     return _table("steps_to_go", "Steps to go of failures", columns, lines, note)

@@ -34,7 +34,7 @@ from robotouille_evaluation.metrics.rows import (
 from robotouille_evaluation.metrics.trajectory import Trajectory
 from robotouille_evaluation.models import Model, Usage
 from robotouille_evaluation.models.model import NOTHING
-from robotouille_evaluation.packs.pack import Pack
+from robotouille_evaluation.packs.pack import Pack, PackInstance
 from robotouille_evaluation.realtime import Charge, RealTimeSeat
 from robotouille_evaluation.runs.chance import reversal_of
 from robotouille_evaluation.runs.episode_runner import (
@@ -56,7 +56,7 @@ from robotouille_evaluation.runs.text_episode import (
 )
 
 MAX_WORLDS = 16
-"""Maximum number of worlds that a process keeps for later jobs, because grounding takes time."""
+"""Maximum number of worlds that a process keeps for later episodes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ async def play_job(
     """
     begun = context.clock()
     pack = context.pack
-    world = _world(pack, job)
+    world = world_of(pack, job.instance, job.seats)
     budget = job.step_budget(pack).steps * job.slack
     limit = math.ceil(budget)
     episode = _JobEpisode(job, context, world, budget, wrap)
@@ -140,10 +140,11 @@ async def play_job(
 _worlds: OrderedDict[tuple[str, str, int], World] = OrderedDict()
 
 
-def _world(pack: Pack, job: EpisodeJob) -> World:
-    key = (pack.digest, job.instance, job.seats)
+def world_of(pack: Pack, instance: str, seats: int) -> World:
+    """Return the world of an instance. The latest worlds are kept, because grounding takes time."""
+    key = (pack.digest, instance, seats)
     if key not in _worlds:
-        _worlds[key] = World(pack.load(job.instance, seats=job.seats))
+        _worlds[key] = World(pack.load(instance, seats=seats))
     # Reuse is safe: a world caches only what is the same for every episode.
     _worlds.move_to_end(key)
     if len(_worlds) > MAX_WORLDS:
@@ -277,8 +278,6 @@ def _write(folder: RunFolder, job: EpisodeJob, recordings: Sequence[bytes]) -> s
 def _job_fields(job: EpisodeJob, pack: Pack) -> dict[str, Any]:
     """Return the fields of a row that are known before the episode is played."""
     instance = pack.instance(job.instance)
-    best = instance.best(job.seats)
-    known = Optimum(steps=best.steps, bound=best.bound, proven=best.proven) if best else Optimum()
     fields: dict[str, Any] = {
         "job": job.id,
         "pack": PackId(name=pack.name, version=pack.version, digest=pack.digest),
@@ -296,12 +295,18 @@ def _job_fields(job: EpisodeJob, pack: Pack) -> dict[str, Any]:
         "sampling": job.agent.sampling,
         "clock": job.clock,
         "seats": job.seats,
-        "optimum": known,
+        "optimum": known_optimum(instance, job.seats),
     }
     if job.real_time is not None:
         timing = job.real_time.model_dump(mode="json", exclude={"slack"})
         fields["real_time"] = RealTimeRow(**timing)
     return fields
+
+
+def known_optimum(instance: PackInstance, seats: int) -> Optimum:
+    """Return what is known about the fewest steps of an instance for a number of players."""
+    best = instance.best(seats)
+    return Optimum(steps=best.steps, bound=best.bound, proven=best.proven) if best else Optimum()
 
 
 def _budget_row(job: EpisodeJob, limit: int) -> BudgetRow:
@@ -351,9 +356,17 @@ def _measure_recording(
     recording.world = world
     trajectory = Trajectory.recorded(recording)
     instance = pack.instance(job.instance)
-    distance = StepsToGo(world) if steps_to_go and world.shift is None else None
-    if distance is not None and job.seats > 1 and instance.best(job.seats) is not None:
-        # Searches for teams take a hundred times as long; the known plan is a bound without search.
-        distance.learn(world.initial, pack.plan(instance, world))
+    measures_distance = steps_to_go and world.shift is None
+    distance = distance_in(pack, instance, world) if measures_distance else None
     found = measure(trajectory, limit, distance=distance, fewest=instance.optimal(job.seats))
     return _Measured(found, repeated_transitions(trajectory), score(trajectory))
+
+
+def distance_in(pack: Pack, instance: PackInstance, world: World) -> StepsToGo:
+    """Return the steps to go in the world of an instance."""
+    distance = StepsToGo(world)
+    seats = len(world.players)
+    if seats > 1 and instance.best(seats) is not None:
+        # Searches for teams take a hundred times as long; the known plan is a bound without search.
+        distance.learn(world.initial, pack.plan(instance, world))
+    return distance

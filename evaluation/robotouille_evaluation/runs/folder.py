@@ -82,6 +82,11 @@ class RunFolder:
     def _rows_file(self) -> Path:
         return self.path / "rows.jsonl"
 
+    @property
+    def has_plan(self) -> bool:
+        """False for the results of an evaluation with Inspect, which plans its episodes itself."""
+        return self._plan_file.exists()
+
     def plan(self) -> RunPlan:
         """Return the plan, with an absolute path of the pack."""
         name = str(self._plan_file)
@@ -101,12 +106,12 @@ class RunFolder:
     def playing(self) -> Iterator[None]:
         """Keep other processes from playing the run, because calls would be paid for twice.
 
-        Windows has no such lock.
+        Windows has no such lock, and neither have results without a plan.
 
         Raises:
             RobotouilleError: Another process is playing it.
         """
-        if sys.platform == "win32":
+        if sys.platform == "win32" or not self.has_plan:
             yield
             return
         import fcntl
