@@ -13,10 +13,11 @@ from contextlib import asynccontextmanager
 from types import TracebackType
 from typing import Any, Literal, Self, TypeVar
 
+from pydantic import ValidationError
 from websockets.asyncio.client import ClientConnection
 from websockets.exceptions import ConnectionClosed
 
-from robotouille.errors import ProtocolError, RobotouilleError
+from robotouille.errors import ProtocolError, RobotouilleError, WrongArgumentError, did_you_mean
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MSGPACK, Codec
 from robotouille.protocol.error_codes import ErrorCode
@@ -29,8 +30,29 @@ from robotouille_client.sockets import open_game_socket, ping_often, server_uri
 DEFAULT_URL = "ws://127.0.0.1:8765"
 MAX_LISTED = 10_000
 """Largest number of episodes in a list, as a hostile server could send pages without end."""
+MAX_QUOTED = 100
+"""Number of characters of an invalid value that an error shows."""
 
 T = TypeVar("T", bound=messages.Message)
+
+
+def _checked(kind: type[T], **fields: Any) -> T:
+    """Return a message.
+
+    Raises:
+        WrongArgumentError: There is no such field, or it does not allow the value.
+    """
+    try:
+        return kind(**fields)
+    except ValidationError as error:
+        fault = error.errors(include_url=False)[0]
+    name, options = ".".join(map(str, fault["loc"])), kind.model_fields.keys() - {"type", "ref"}
+    if fault["type"] == "extra_forbidden" and name in fields:
+        near = did_you_mean(name, options) or "; docs/protocol.md lists the options"
+        message = f"{kind.model_fields['type'].default} has no option {name!r}{near}"
+    else:
+        message = f"{name}: {fault['msg']}, found {repr(fault['input'])[:MAX_QUOTED]}"
+    raise WrongArgumentError(message)
 
 
 class Client:
@@ -206,9 +228,10 @@ class Client:
 
         Raises:
             ProtocolError: `task/unknown`, `task/invalid`, `server/full` and others.
-            ValueError: The message has no such field, or does not allow the value.
+            WrongArgumentError: There is no such option, or it does not allow the value.
         """
-        return await self._ask(messages.Create(task=task, **options), messages.Created)
+        request = _checked(messages.Create, task=task, **options)
+        return await self._ask(request, messages.Created)
 
     async def close_episode(self, episode: str, reason: str | None = None) -> messages.Closed:
         """Close an episode that this participant has opened, by id or code.
@@ -220,9 +243,10 @@ class Client:
 
         Raises:
             ProtocolError: `episode/unknown`, `auth/episode` and others.
-            ValueError: The message does not allow one of the arguments.
+            WrongArgumentError: The message does not allow one of the arguments.
         """
-        return await self._ask(messages.Close(episode=episode, reason=reason), messages.Closed)
+        request = _checked(messages.Close, episode=episode, reason=reason)
+        return await self._ask(request, messages.Closed)
 
     async def join(
         self,
@@ -253,10 +277,11 @@ class Client:
             UntrustedRedirectError: The episode is on another host.
             ProtocolError: `episode/unknown`, `episode/full`, `seat/taken`, `seat/partial` and
                 others.
-            ValueError: The message does not allow one of the arguments.
+            WrongArgumentError: The message does not allow one of the arguments.
         """
         wanted: Any = seats if isinstance(seats, str) else list(seats)
-        request = messages.Join(
+        request = _checked(
+            messages.Join,
             episode=episode,
             seat=seat,
             seats=wanted,

@@ -202,6 +202,12 @@ class UnknownNameError(RobotouilleError, KeyError):
     # `KeyError.__str__` would quote the message.
     __str__ = Exception.__str__
 
+    @classmethod
+    def player(cls, name: object, players: Sequence[str]) -> UnknownNameError:
+        """Return the error for a player that does not exist."""
+        near = did_you_mean(name, players) or f"; players: {', '.join(players)}"
+        return cls(f"no player {name!r}{near}")
+
 
 class WrongWorldError(RobotouilleError, ValueError):
     """A state, an action or facts do not belong to this world."""

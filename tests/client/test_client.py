@@ -18,7 +18,7 @@ from websockets.exceptions import InvalidMessage, InvalidStatus
 from websockets.http11 import Response
 from websockets.typing import Subprotocol
 
-from robotouille import ProtocolError
+from robotouille import ProtocolError, WrongArgumentError
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON
 from robotouille_client import Client, ConnectionFailedError, connect
@@ -223,3 +223,20 @@ async def test_a_list_without_end_is_cut_off(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(client, "_ask", page)
     assert len(await client.episodes()) == 300
     assert sent == 3
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ({"sigth": 2}, "create has no option 'sigth'; did you mean 'sight'?"),
+        ({"colour": "red"}, "create has no option 'colour'; docs/protocol.md lists the options"),
+        ({"seats": "many"}, "seats: Input should be a valid integer, found 'many'"),
+    ],
+)
+async def test_wrong_option_of_an_episode_is_named_on_one_line(
+    options: dict[str, Any], why: str
+) -> None:
+    async with listening(answering()) as url, connect(url, name="Ada", encoding="json") as client:
+        with pytest.raises(WrongArgumentError) as error:
+            await client.create("synchronous/01", **options)
+        assert str(error.value) == why

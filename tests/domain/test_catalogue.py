@@ -112,7 +112,9 @@ def test_seats() -> None:
     assert load_task("multi_agent/01@3").digest != load_task("multi_agent/01@4").digest
     for seats in (0, 1, 5):
         with pytest.raises(
-            FileError, match=f"seats: the task does not support {seats} seats; possible: 2, 3, 4"
+            FileError,
+            match="^multi_agent/01_lettuce_burger: seats: the task does not support "
+            f"{seats} seats; possible: 2, 3, 4$",
         ):
             load_task(f"multi_agent/01@{seats}")
 

@@ -26,6 +26,8 @@ NAMES: list[tuple[Callable[[], Any], str]] = [
     (lambda: WORLD.parse(STATE, "robot1", "Dance"), "no valid action 'Dance'"),
     (lambda: WORLD.parse(STATE, "robot9", "Dance"), "no player 'robot9'"),
     (lambda: STATE.actions("robt1"), "no player 'robt1'; did you mean 'robot1'"),
+    (lambda: STATE.actions("bob"), "no player 'bob'; players: robot1, robot2"),
+    (lambda: STATE.step("jump"), f"no valid action 'jump'; valid are '{HERE.sentence}', .* more"),
     (lambda: STATE.actions(["robot1"]), "no player"),
     (lambda: STATE.actions(1), "no player 1"),
     (lambda: STATE.text("robt1"), "did you mean 'robot1'"),

@@ -13,7 +13,7 @@ from robotouille.batch import layout as at
 from robotouille.batch.rules import CompiledRules
 from robotouille.batch.single_copy import row_of, state_of
 from robotouille.batch.tables import Ints, tables
-from robotouille.errors import UnknownNameError, WrongArgumentError, did_you_mean
+from robotouille.errors import UnknownNameError, WrongArgumentError
 from robotouille.world.shift import Orders
 from robotouille.world.world import State, World
 from robotouille_jax.engine import CopyState, CopyStep, JaxEngine
@@ -121,8 +121,7 @@ class JaxBatch:
             UnknownNameError: The task has no such player.
         """
         if player not in self.players:
-            near = did_you_mean(player, self.players)
-            raise UnknownNameError(f"no player {player!r}{near}")
+            raise UnknownNameError.player(player, self.players)
         return self._mask(self.states, self.players.index(player))
 
     def joint_masks(self) -> Array:

@@ -23,7 +23,7 @@ from robotouille.batch.state_kernels import (
 from robotouille.batch.step_kernels import first_invalid, step_copies
 from robotouille.batch.tables import CopyRange, Ints, initial_row, tables
 from robotouille.compiling import warn_if_slow
-from robotouille.errors import UnknownNameError, WrongArgumentError, did_you_mean
+from robotouille.errors import UnknownNameError, WrongArgumentError
 from robotouille.world.world import State, World
 
 Bools = npt.NDArray[np.bool_]
@@ -266,8 +266,7 @@ class BatchWorld:
         try:
             return self.players.index(player)
         except ValueError:
-            near = did_you_mean(player, self.players)
-            raise UnknownNameError(f"no player {player!r}{near}") from None
+            raise UnknownNameError.player(player, self.players) from None
 
     def _run(self, kernel: Callable[[CopyRange], None]) -> None:
         """Run a kernel on all copies, split among the threads."""

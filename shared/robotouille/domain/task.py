@@ -216,8 +216,9 @@ def build_task(
         seats = allowed[0]
     if seats not in allowed:
         counts = ", ".join(map(str, allowed))
+        # The file is right and the request wrong, so the error has the task's name, not its path.
         raise FileError(
-            source, [Fault("seats", f"the task does not support {seats} seats; possible: {counts}")]
+            name, [Fault("seats", f"the task does not support {seats} seats; possible: {counts}")]
         )
     return Task(name, domain, problem, seats, timing, source, seeded)
 

@@ -207,7 +207,7 @@ def in_order(
     elif isinstance(joint, Mapping):
         for player, action in joint.items():
             if player not in players:
-                raise UnknownNameError(f"no player {player!r}{did_you_mean(player, players)}")
+                raise UnknownNameError.player(player, players)
             if action is not None:
                 yield player, action
     elif isinstance(joint, Iterable):

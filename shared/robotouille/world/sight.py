@@ -13,7 +13,7 @@ from math import ceil, floor
 from operator import attrgetter
 
 from robotouille.domain.schema import Condition
-from robotouille.errors import UnknownNameError, WrongArgumentError, did_you_mean
+from robotouille.errors import UnknownNameError, WrongArgumentError
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.grounding.objects import Atom, Tile, bound
 from robotouille.world.scene import scene
@@ -140,7 +140,7 @@ def seen_by(state: State, players: str | Sequence[str], sight: Sight) -> Seen:
     players = (players,) if isinstance(players, str) else tuple(players)
     for player in players:
         if player not in world.players:
-            raise UnknownNameError(f"no player {player!r}{did_you_mean(player, world.players)}")
+            raise UnknownNameError.player(player, world.players)
     things = frozenset(name for player in players for name in _in_sight(state, player, sight))
     hidden = (thing.name for thing in state.objects if thing.name not in things)
     timers = world.timers.get(

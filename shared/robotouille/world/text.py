@@ -120,6 +120,8 @@ MAX_QUOTED = 200
 MAX_ALIKE = 8
 """Number of valid sentences that a text is compared with, letter by letter, for suggestions. A
 server receives hundreds of texts per second, and comparing with all of them takes milliseconds."""
+MAX_EXAMPLES = 2
+"""Number of valid sentences that an error lists if none is similar."""
 
 PAIRS = ("()", "[]", "{}", "<>", '""', "''", "``", "“”", "‘’", "«»")
 CALL = re.compile(r"([^\s()]+)\((.*)\)")
@@ -186,12 +188,22 @@ def no_valid_action(
         return UnknownNameError(f"no valid action {cut!r} now: {'; '.join(reasons)}")
     wanted = plain(cut)
     words = {*wanted.split()}
+    sentences = dict.fromkeys(action.sentence for action in valid)
     alike = heapq.nlargest(
         MAX_ALIKE,
-        dict.fromkeys(action.sentence for action in valid),
+        sentences,
         key=lambda known: len(words.intersection(plain(known).split())),
     )
-    return UnknownNameError(f"no valid action {cut!r}{did_you_mean(wanted, alike, most=3)}")
+    near = did_you_mean(wanted, alike, most=3) or _examples(list(sentences))
+    return UnknownNameError(f"no valid action {cut!r}{near}")
+
+
+def _examples(sentences: Sequence[str]) -> str:
+    """Return a clause with some of the valid sentences."""
+    if not sentences:
+        return "; no action is valid now"
+    more = f" and {len(sentences) - MAX_EXAMPLES} more" if len(sentences) > MAX_EXAMPLES else ""
+    return f"; valid are {', '.join(map(repr, sentences[:MAX_EXAMPLES]))}{more}"
 
 
 def plain(sentence: str) -> str:

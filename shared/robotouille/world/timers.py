@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 from weakref import WeakValueDictionary
 
-from robotouille.errors import UnknownNameError, WrongArgumentError, WrongWorldError, did_you_mean
+from robotouille.errors import UnknownNameError, WrongArgumentError, WrongWorldError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.effects import DONE, HOLDING, Effect, EffectRun
 from robotouille.world.grounding.ground_task import GroundTask
@@ -298,6 +298,6 @@ def _check_busy(busy: tuple[BusyRow, ...], players: tuple[str, ...]) -> None:
         raise WrongWorldError(f"{len(busy)} players are busy, but the task has {len(players)}")
     for player, steps in busy:
         if player not in players:
-            raise UnknownNameError(f"no player {player!r}{did_you_mean(player, players)}")
+            raise UnknownNameError.player(player, players)
         if not (isinstance(steps, int) and steps > 0):
             raise WrongWorldError(f"{player} cannot be busy for {steps!r} steps")

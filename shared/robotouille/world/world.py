@@ -25,7 +25,6 @@ from robotouille.errors import (
     UnknownNameError,
     WrongArgumentError,
     WrongWorldError,
-    did_you_mean,
 )
 from robotouille.world.ground_state import (
     GroundState,
@@ -406,7 +405,7 @@ class World(GroundTask):
 
     def _new_tree(self, player: str) -> SuccessorTree:
         if player not in self.players:
-            raise UnknownNameError(f"no player {player!r}{did_you_mean(player, self.players)}")
+            raise UnknownNameError.player(player, self.players)
         kind = self._things[player].type
         tree = SuccessorTree(player, kind, self.schemas, self.table, self.ground_action)
         self._trees[player] = tree

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from robotouille.errors import UnknownNameError, WrongArgumentError, did_you_mean
+from robotouille.errors import UnknownNameError, WrongArgumentError
 from robotouille.world.arrays.graph import Graph, GraphLayout
 from robotouille.world.arrays.reachable import Names, Reachable, Slots
 from robotouille.world.grounding.actions import GroundAction
@@ -171,7 +171,7 @@ class Encoding:
             return self._actions[player]
         except KeyError:
             players = self._task.players
-            raise UnknownNameError(f"no player {player!r}{did_you_mean(player, players)}") from None
+            raise UnknownNameError.player(player, players) from None
 
     def action(self, facts: int, player: str, number: int) -> GroundAction | None:
         """Return the action of a number, with the objects that fill its slots now.
