@@ -288,7 +288,7 @@ def test_each_lesson_waits_for_its_action() -> None:
                 source.act(script.world.parse(script.state, script.me, "wait()"))
                 assert source.lesson is before, "to wait teaches nothing"
     assert [words.split(":")[0] for words in received] == [
-        "Let's walk! Press an arrow key, or click on a station.",
+        "Let's walk! Press W A S D or the arrow keys, or click on a station.",
         "Walk to an ingredient and take it",
         "Carry it to an empty table and put it down",
         "Time to work",

@@ -43,6 +43,9 @@ TUTORIAL = GameSetup("training/01", clock=Clock.TURN, max_steps=500)
 EASY_RATE = 3.0
 """Steps per second of the pace that is offered after a lost first game."""
 
+WALKING = (Command.UP, Command.LEFT, Command.DOWN, Command.RIGHT)
+"""Commands that walk, in the order in which people say their keys."""
+
 Kind = Literal["walk", "take", "put", "work"]
 
 
@@ -57,11 +60,12 @@ class Lesson:
 def lessons(keys: KeyMap, world: World) -> tuple[Lesson, ...]:
     """Return the lessons in order. The work to try is the first work of a known plan."""
     use = keys.words(Command.USE)
+    walk = " ".join(keys.words(each) for each in WALKING)
     work = _first_work(world)
     bring = f"take {work}" if work else "take something to a station where you can work"
     until = " until it's done" if work else ""
     return (
-        Lesson("walk", "Let's walk! Press an arrow key, or click on a station."),
+        Lesson("walk", f"Let's walk! Press {walk} or the arrow keys, or click on a station."),
         Lesson("take", f"Walk to an ingredient and take it: press {use}, or click."),
         Lesson("put", f"Carry it to an empty table and put it down: press {use}, or click."),
         Lesson("work", f"Time to work: {bring}, put it down, and press {use}{until}."),
