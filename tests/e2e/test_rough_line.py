@@ -16,7 +16,7 @@ import pytest
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.scene import scene
 from robotouille_client import Game, connect
-from robotouille_client.window.drawing.spots import Motion
+from robotouille_client.window.drawing.kitchen.spots import Motion
 from robotouille_client.window.sources.playout import MAX_DELAY, MAX_RATE
 from robotouille_client.window.sources.remote import RemoteSource
 from robotouille_client.window.view import View

@@ -19,9 +19,13 @@ from robotouille.planning.shift import DishPlanner
 from robotouille.protocol.states import StateWriter
 from robotouille.web.site import look_files
 from robotouille.world.presentation.work import useful_actions
-from robotouille_client.window.drawing.animation import Moment, StepAnimation, step_animation
-from robotouille_client.window.drawing.gestures import Gestures
-from robotouille_client.window.drawing.spots import Motion
+from robotouille_client.window.drawing.kitchen.animation import (
+    Moment,
+    StepAnimation,
+    step_animation,
+)
+from robotouille_client.window.drawing.kitchen.gestures import Gestures
+from robotouille_client.window.drawing.kitchen.spots import Motion
 from robotouille_client.window.pictures.appearance import AppearanceResolver, SceneSprites
 from robotouille_client.window.pictures.dishes import Dish, Variable, dishes
 from robotouille_client.window.view import View

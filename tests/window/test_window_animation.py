@@ -15,9 +15,13 @@ from robotouille import State, Timing, World, load_task
 from robotouille.domain.art import Art, ParticleEffect
 from robotouille.domain.rendering import RenderingFile, rendering_of
 from robotouille.world.scene import scene
-from robotouille_client.window.drawing.animation import Moment, StepAnimation, step_animation
+from robotouille_client.window.drawing.kitchen.animation import (
+    Moment,
+    StepAnimation,
+    step_animation,
+)
+from robotouille_client.window.drawing.kitchen.spots import Motion, Pose
 from robotouille_client.window.drawing.painter import Painter
-from robotouille_client.window.drawing.spots import Motion, Pose
 from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.view import View
 

@@ -21,7 +21,7 @@ from robotouille.episode.rules import Clock
 from robotouille_client.bots.kinds import BotKind
 from robotouille_client.bots.partners import prompt_partners
 from robotouille_client.window.app.local_game import GameSetup, LocalGame
-from robotouille_client.window.drawing.kitchen_layer import Preloader
+from robotouille_client.window.drawing.kitchen.kitchen_layer import Preloader
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.forms.screen import Display
 from robotouille_client.window.pictures import sprites

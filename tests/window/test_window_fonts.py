@@ -10,7 +10,7 @@ import pytest
 from tests.support.samples import quick_sample
 
 from robotouille import World
-from robotouille_client.window.drawing.panel import with_readable_names
+from robotouille_client.window.drawing.side_panel.panel import with_readable_names
 from robotouille_client.window.pictures.fonts import FontStack, clusters, printable
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.view import SeatView, View

@@ -11,8 +11,8 @@ from tests.support.shifts import act, bistro, toast_almost
 
 from robotouille import State, World, load_task
 from robotouille_client.window.app.game_cards import end_card
-from robotouille_client.window.drawing.earnings import served_at
-from robotouille_client.window.drawing.gestures import CHEER_SECONDS
+from robotouille_client.window.drawing.kitchen.earnings import served_at
+from robotouille_client.window.drawing.kitchen.gestures import CHEER_SECONDS
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.preferences import Preferences

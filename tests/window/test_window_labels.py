@@ -14,11 +14,17 @@ from tests.support.window_play import world_of
 from robotouille import World, load_task
 from robotouille.domain.task import Timing
 from robotouille.world.scene import scene
-from robotouille_client.window.drawing import lobby_card
+from robotouille_client.window.drawing.cards import lobby_card
 from robotouille_client.window.drawing import painter as painting
-from robotouille_client.window.drawing.labels import LabelSurroundings
+from robotouille_client.window.drawing.kitchen.spots import (
+    Pose,
+    extent,
+    hands,
+    occupied,
+    player_area,
+)
 from robotouille_client.window.drawing.painter import Painter
-from robotouille_client.window.drawing.spots import Pose, extent, hands, occupied, player_area
+from robotouille_client.window.drawing.tags.labels import LabelSurroundings
 from robotouille_client.window.drawing.window_layout import ActionMark, UiOverlay
 from robotouille_client.window.pictures import theme
 from robotouille_client.window.pictures.shapes import seat_fill, seat_ink

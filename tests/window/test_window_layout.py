@@ -13,8 +13,8 @@ from tests.support.samples import quick_sample
 from tests.support.window_play import world_of
 
 from robotouille import World, task_names
-from robotouille_client.window.drawing.label_placement import Place, PlacedLabel, place_labels
 from robotouille_client.window.drawing.painter import Painter
+from robotouille_client.window.drawing.tags.label_placement import Place, PlacedLabel, place_labels
 from robotouille_client.window.drawing.window_layout import layout
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.widgets import Button, Choice, TextField, Words

@@ -17,8 +17,8 @@ from tests.support.virtual_time import opening
 from tests.support.window_play import Script, Timer, headless_window, world_of
 
 from robotouille_client import Game, connect
+from robotouille_client.window.drawing.kitchen.spots import occupied
 from robotouille_client.window.drawing.painter import Painter
-from robotouille_client.window.drawing.spots import occupied
 from robotouille_client.window.sources.remote import RemoteSource
 from robotouille_client.window.view import LobbyRow, LobbyView, SeatView, View
 from robotouille_client.window.window import Window

@@ -36,7 +36,7 @@ from robotouille_client.window.app.local_game import (
     step_limit,
 )
 from robotouille_client.window.app.replays_menu import recent_recordings
-from robotouille_client.window.drawing.seat_cards import status
+from robotouille_client.window.drawing.side_panel.seat_cards import status
 from robotouille_client.window.sources.feedback import Blockages, ChatLog, Feedback
 from robotouille_client.window.sources.local import LocalSeats, LocalSource
 from robotouille_client.window.view import NEWS, Bubble

@@ -7,7 +7,7 @@ from tests.support.window_play import world_of
 
 from robotouille import State
 from robotouille.domain.rendering import rendering_of
-from robotouille_client.window.drawing.order_slips import OrderSlips
+from robotouille_client.window.drawing.side_panel.order_slips import OrderSlips
 from robotouille_client.window.drawing.window_layout import layout
 from robotouille_client.window.pictures.appearance import AppearanceResolver
 from robotouille_client.window.pictures.sprites import Sprites

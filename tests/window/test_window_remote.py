@@ -23,7 +23,7 @@ from websockets.typing import Subprotocol
 from robotouille.errors import ProtocolError
 from robotouille_client import Client, Game, connect
 from robotouille_client.console import explain
-from robotouille_client.window.drawing.interruptions import _lost
+from robotouille_client.window.drawing.cards.interruptions import _lost
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.pictures.theme import SEATS, TEXT, Colour, mixed
 from robotouille_client.window.sources.remote import RemoteSource

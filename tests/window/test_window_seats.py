@@ -14,7 +14,7 @@ from tests.support.window_play import Script, world_of
 
 from robotouille.domain.rendering import rendering_of
 from robotouille_client.window.drawing.painter import Painter
-from robotouille_client.window.drawing.seat_cards import (
+from robotouille_client.window.drawing.side_panel.seat_cards import (
     SeatCards,
     latency_words,
     status,

@@ -16,7 +16,7 @@ from robotouille.certification.certificate import load_certificate
 from robotouille.domain.rendering import NO_WORDS, Language, rendering_of
 from robotouille.domain.schema import GoalTerm
 from robotouille_client.window.drawing.painter import Painter
-from robotouille_client.window.drawing.ticket import (
+from robotouille_client.window.drawing.side_panel.ticket import (
     LayerProgress,
     as_at_first,
     fit,

@@ -14,7 +14,7 @@ import pygame
 from robotouille.domain.rendering import RenderingFile
 from robotouille.errors import MissingExtraError
 from robotouille.world.world import State
-from robotouille_client.window.drawing.gestures import CHEER_SECONDS
+from robotouille_client.window.drawing.kitchen.gestures import CHEER_SECONDS
 from robotouille_client.window.drawing.painter import Painter, paint
 from robotouille_client.window.view import Bubble, SeatView, View
 

@@ -10,22 +10,28 @@ import pygame
 
 from robotouille.domain.rendering import NO_WORDS, Language, RenderingFile, rendering_of
 from robotouille.world.world import State, World
-from robotouille_client.window.drawing.animation import Moment, StepAnimation, step_animation
-from robotouille_client.window.drawing.earnings import Earnings
-from robotouille_client.window.drawing.gestures import CHEER_SECONDS, Gesture, Gestures
-from robotouille_client.window.drawing.interruptions import (
+from robotouille_client.window.drawing.cards.interruptions import (
     Interruptions,
     Notices,
     visible_offline,
     visible_pause,
 )
-from robotouille_client.window.drawing.key_strip import KeyStrip
-from robotouille_client.window.drawing.kitchen_layer import KitchenLayer, Preloader, SceneFrame
-from robotouille_client.window.drawing.labels import Labels, LabelSurroundings
-from robotouille_client.window.drawing.lobby_card import Ground
-from robotouille_client.window.drawing.overlays import Overlays
-from robotouille_client.window.drawing.panel import Panel, with_readable_names
-from robotouille_client.window.drawing.spots import (
+from robotouille_client.window.drawing.cards.key_strip import KeyStrip
+from robotouille_client.window.drawing.cards.lobby_card import Ground
+from robotouille_client.window.drawing.kitchen.animation import (
+    Moment,
+    StepAnimation,
+    step_animation,
+)
+from robotouille_client.window.drawing.kitchen.earnings import Earnings
+from robotouille_client.window.drawing.kitchen.gestures import CHEER_SECONDS, Gesture, Gestures
+from robotouille_client.window.drawing.kitchen.kitchen_layer import (
+    KitchenLayer,
+    Preloader,
+    SceneFrame,
+)
+from robotouille_client.window.drawing.kitchen.overlays import Overlays
+from robotouille_client.window.drawing.kitchen.spots import (
     Motion,
     Pose,
     Spot,
@@ -35,7 +41,9 @@ from robotouille_client.window.drawing.spots import (
     ways,
     workplaces,
 )
-from robotouille_client.window.drawing.tips import Listing
+from robotouille_client.window.drawing.side_panel.panel import Panel, with_readable_names
+from robotouille_client.window.drawing.tags.labels import Labels, LabelSurroundings
+from robotouille_client.window.drawing.tags.tips import Listing
 from robotouille_client.window.drawing.window_layout import Layout, Strip, UiOverlay, layout
 from robotouille_client.window.pictures.appearance import (
     Appearance,

@@ -1,6 +1,6 @@
 /**
  * Geometry of a drawn state in device pixels: tiles, and the spots of players and objects.
- * A port of `window/drawing/{window_layout,spots}.py`.
+ * A port of `window/drawing/window_layout.py` and `window/drawing/kitchen/spots.py`.
  */
 
 /** @typedef {import("./motion.js").Pose} Pose */

@@ -1,6 +1,6 @@
 /**
  * What moves between two states: walks, gestures, objects on their way, tools and particles.
- * A port of `window/drawing/{spots,gestures,animation}.py`. Nothing here draws or reads a clock.
+ * A port of `window/drawing/kitchen/{spots,gestures,animation}.py`. Nothing here draws or reads a clock.
  */
 
 import { sameTile, scene } from "../rules/scene.js";

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from robotouille.world.scene import scene
 from robotouille.world.world import State
-from robotouille_client.window.drawing.pops import Pop, Pops
+from robotouille_client.window.drawing.kitchen.pops import Pop, Pops
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.shapes import pill
 from robotouille_client.window.pictures.text_surfaces import Typesetter

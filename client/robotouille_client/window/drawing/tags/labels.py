@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 
 import pygame
 
-from robotouille_client.window.drawing.label_placement import (
+from robotouille_client.window.drawing.kitchen.spots import HEAD, Pose, player_area
+from robotouille_client.window.drawing.tags.label_placement import (
     Place,
     PlacedLabel,
     nearest_point,
     place_labels,
 )
-from robotouille_client.window.drawing.spots import HEAD, Pose, player_area
-from robotouille_client.window.drawing.tips import Listing, Tip, Tips
+from robotouille_client.window.drawing.tags.tips import Listing, Tip, Tips
 from robotouille_client.window.drawing.window_layout import Layout, UiOverlay
 from robotouille_client.window.pictures.appearance import Appearance
 from robotouille_client.window.pictures.shapes import badge, box, pill, seat_fill, speech

@@ -11,7 +11,7 @@ import pygame
 from robotouille.domain.art import ParticleEffect, Tool
 from robotouille.domain.rendering import RenderingFile
 from robotouille.world.world import State
-from robotouille_client.window.drawing.spots import Spot
+from robotouille_client.window.drawing.kitchen.spots import Spot
 from robotouille_client.window.pictures.appearance import SceneSprites
 from robotouille_client.window.pictures.sprites import Sprites
 

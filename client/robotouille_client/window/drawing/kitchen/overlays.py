@@ -12,7 +12,7 @@ from robotouille.world.presentation.work import work_in_progress
 from robotouille.world.scene import Placed
 from robotouille.world.timers import Progress
 from robotouille.world.world import State
-from robotouille_client.window.drawing.spots import Pose
+from robotouille_client.window.drawing.kitchen.spots import Pose
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import SceneSprites
 from robotouille_client.window.pictures.shapes import RING_STEPS, frame, ring, seat_fill

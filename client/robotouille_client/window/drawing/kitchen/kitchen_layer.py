@@ -12,16 +12,22 @@ import pygame
 from robotouille.domain.art import SIDES, ParticleEffect
 from robotouille.world.grounding.objects import Object
 from robotouille.world.world import State, World
-from robotouille_client.window.drawing.animation import (
+from robotouille_client.window.drawing.kitchen.animation import (
     BEATS,
     StepAnimation,
     ToolInUse,
     draw_particles,
     particle_looks,
 )
-from robotouille_client.window.drawing.gestures import Gesture
-from robotouille_client.window.drawing.room import Room
-from robotouille_client.window.drawing.spots import RAISED, Pose, Spot, size_in, sizes_of_tiles
+from robotouille_client.window.drawing.kitchen.gestures import Gesture
+from robotouille_client.window.drawing.kitchen.room import Room
+from robotouille_client.window.drawing.kitchen.spots import (
+    RAISED,
+    Pose,
+    Spot,
+    size_in,
+    sizes_of_tiles,
+)
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import (
     Appearance,

@@ -10,8 +10,8 @@ import pygame
 from robotouille.planning.shift import DishPlanner, rules_of
 from robotouille.world.shift import OpenOrder, Orders
 from robotouille.world.world import State
-from robotouille_client.window.drawing.pops import Pop
-from robotouille_client.window.drawing.tips import Listing
+from robotouille_client.window.drawing.kitchen.pops import Pop
+from robotouille_client.window.drawing.tags.tips import Listing
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import Appearance, AppearanceResolver
 from robotouille_client.window.pictures.dishes import Layer, dishes

@@ -14,7 +14,7 @@ from robotouille.world.grounding.goal import Fit, Order
 from robotouille.world.presentation.work import work_towards
 from robotouille.world.scene import scene
 from robotouille.world.world import State
-from robotouille_client.window.drawing.pops import Pop
+from robotouille_client.window.drawing.kitchen.pops import Pop
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import AppearanceResolver
 from robotouille_client.window.pictures.dishes import Dish, Layer, Variable, dishes

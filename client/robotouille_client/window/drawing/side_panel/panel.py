@@ -9,11 +9,11 @@ from math import ceil
 import pygame
 
 from robotouille.world.world import State
-from robotouille_client.window.drawing.order_slips import OrderSlips
-from robotouille_client.window.drawing.pops import Pop, Pops
-from robotouille_client.window.drawing.seat_cards import SeatCards
-from robotouille_client.window.drawing.ticket import Ticket
-from robotouille_client.window.drawing.tips import Listing
+from robotouille_client.window.drawing.kitchen.pops import Pop, Pops
+from robotouille_client.window.drawing.side_panel.order_slips import OrderSlips
+from robotouille_client.window.drawing.side_panel.seat_cards import SeatCards
+from robotouille_client.window.drawing.side_panel.ticket import Ticket
+from robotouille_client.window.drawing.tags.tips import Listing
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import AppearanceResolver
 from robotouille_client.window.pictures.shapes import bar, pill, seat_ink

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from robotouille.world.world import State
-from robotouille_client.window.drawing.animation import BEATS, StepAnimation
-from robotouille_client.window.drawing.spots import Pose
+from robotouille_client.window.drawing.kitchen.animation import BEATS, StepAnimation
+from robotouille_client.window.drawing.kitchen.spots import Pose
 from robotouille_client.window.view import Bubble, View
 
 Arms = Literal["down", "out", "up"]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import pygame
 
-from robotouille_client.window.drawing.label_placement import PlacedLabel, nearest_point
+from robotouille_client.window.drawing.tags.label_placement import PlacedLabel, nearest_point
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import Appearance
 from robotouille_client.window.pictures.shapes import box

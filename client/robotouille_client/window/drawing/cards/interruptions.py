@@ -8,7 +8,7 @@ from math import ceil
 import pygame
 
 from robotouille.domain.rendering import RenderingFile
-from robotouille_client.window.drawing.lobby_card import Ground, LobbyCard
+from robotouille_client.window.drawing.cards.lobby_card import Ground, LobbyCard
 from robotouille_client.window.drawing.window_layout import KeyRows, Layout, UiOverlay
 from robotouille_client.window.pictures.shapes import DIAL_STEPS, box, dial, ellipse
 from robotouille_client.window.pictures.sprites import Sprites

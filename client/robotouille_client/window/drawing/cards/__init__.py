@@ -1,0 +1,1 @@
+"""What covers the kitchen or lies below it: lobby, pauses, outcome, help, and keys."""

@@ -1,0 +1,1 @@
+"""The kitchen: room, stations, objects, players, their movements, and signs over them."""

@@ -1,0 +1,1 @@
+"""Names, speech, reasons and tips over the kitchen, and where they fit."""
