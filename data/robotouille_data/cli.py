@@ -16,6 +16,7 @@ import typer
 
 from robotouille.domain.files import read_text
 from robotouille.errors import MissingExtraError, RobotouilleError
+from robotouille.output_files import check_file
 from robotouille.terminal import options_from, printable, tell
 from robotouille_client.console import explain, fail, name_and_value
 from robotouille_client.console.progress import progress_bar
@@ -246,10 +247,16 @@ def sql(
         from robotouille_data.query import asking
 
         files = (
-            (output.save_csv, options.csv), (output.save_json, options.json),
-            (output.save_parquet, options.parquet), (output.save_plot, options.plot),
-        )  # fmt: skip
-        wanted = [(save, path) for save, path in files if path is not None]
+            ("--csv", output.save_csv, options.csv),
+            ("--json", output.save_json, options.json),
+            ("--parquet", output.save_parquet, options.parquet),
+            ("--plot", output.save_plot, options.plot),
+        )
+        wanted = []
+        for flag, save, path in files:
+            if path is not None:
+                check_file(path, flag)
+                wanted.append((save, path))
         url = _catalogue(options.database, options.folder)
         for save, path in wanted:
             with asking(url, query, options.seconds) as answer:
@@ -297,6 +304,7 @@ def report(
     with _errors_on_one_line():
         from robotouille_data.report.page import ReportOptions, write_report
 
+        check_file(options.out)
         chosen = ReportOptions(
             query, _labels(options.label), options.by, options.text, options.title, options.seconds
         )

@@ -80,7 +80,7 @@ def test_replay_info_and_verify(recording: Path) -> None:
 
 def test_replay_export(recording: Path, tmp_path: Path) -> None:
     out = tmp_path / "game.jsonl"
-    assert robotouille("replay", "export", str(recording), "--output", str(out)).exit_code == 0
+    assert robotouille("replay", "export", str(recording), "--out", str(out)).exit_code == 0
     lines = [json.loads(line) for line in out.read_text().splitlines()]
     kinds = [line["kind"] for line in lines]
     assert [k for k in kinds if k != "note"] == ["header", *["step"] * 12, "outcome"]

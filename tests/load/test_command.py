@@ -121,7 +121,7 @@ def test_a_server_that_lets_nobody_play_is_quoted(tmp_path: Path) -> None:
         (["--spectators-per-room", "0"], "--spectators-per-room: Input should be greater"),
         (["--pid", "-1"], "--pid"),
         (["--json", "/no/such/folder/x.json"], "--json: no folder /no/such/folder"),
-        (["--html", "."], "--html: . is a folder"),
+        (["--html", "."], "--html: '.' is a folder"),
         (["--url", "http://x"], "'http://x' is not a WebSocket URL"),
         (["--pid", "999999999"], "process 999999999"),
     ],

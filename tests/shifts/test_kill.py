@@ -94,7 +94,7 @@ async def test_a_shift_of_four_survives_a_kill_and_its_score_is_right(tmp_path: 
     history = RecordedHistory(recording)
     assert history.state(history.length).orders is not None
     exported = tmp_path / "game.jsonl"
-    command = ("replay", "export", str(path), "--output", str(exported))
+    command = ("replay", "export", str(path), "--out", str(exported))
     with program("robotouille_client.cli.main", *command) as exporting:
         assert exporting.wait(60) == 0
     rows = [json.loads(line) for line in exported.read_text().splitlines()]

@@ -18,6 +18,7 @@ import typer
 from pydantic import ValidationError
 
 from robotouille.errors import Fault, FileError, ProtocolError, RobotouilleError
+from robotouille.output_files import check_file
 from robotouille.protocol import messages
 from robotouille.replay.file_names import iso_time
 from robotouille.terminal import printable, spreadsheet_cell, tell
@@ -306,6 +307,8 @@ def open_(
     """Open an episode for each row of a CSV file, and write the rows with their codes."""
     if out is not None and out.exists():
         fail(printable(f"{out} exists and may contain codes; name another file"), 2)
+    if out is not None:
+        check_file(out)
     rows, requests = read_requests(table, open_for=seconds(open_for), tokens=tokens)
     opened: list[dict[str, Any]] = []
     site = page or page_address(url)
@@ -351,6 +354,8 @@ def list_(
     token: TokenOption = None,
 ) -> None:
     """List the episodes of a server as CSV."""
+    if out is not None:
+        check_file(out)
     labels = _labels(label)
 
     async def list_all(clients: Sequence[Client]) -> list[messages.EpisodeInfo]:

@@ -16,6 +16,7 @@ from robotouille.generation.generator import ATTEMPTS, Generator, seeds_from
 from robotouille.generation.instance import Instance
 from robotouille.generation.parameters import GenerationError, Kind, Parameters
 from robotouille.generation.shifts import generator_of
+from robotouille.output_files import check_folder
 from robotouille.terminal import options_from, printable_json, tell
 from robotouille_client.console import fail, failing, interruptible
 
@@ -91,6 +92,8 @@ def generate(
         fail("--out - is for one instance without --json")
     if options.seed == 0 and options.count > 1:
         fail("--seed must be 1 or more for several instances, which use multiples of it")
+    if out != STDOUT:
+        check_folder(Path(out))
     with _errors_by_option():
         parameters = Parameters(
             *_size(options.size),

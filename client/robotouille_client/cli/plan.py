@@ -32,6 +32,7 @@ from robotouille.certification.certificate import (
 )
 from robotouille.certification.certifying import BUDGET
 from robotouille.errors import FileError, RecordingError, RobotouilleError
+from robotouille.output_files import check_file, check_folder
 from robotouille.planning import solvers as optimal
 from robotouille.planning.pddl import EncodingStyle, encode
 from robotouille.planning.plan import Limits, read_plan, write_plan
@@ -115,18 +116,9 @@ def _checked_output(
     place = _certificate_path(name, task, out) if options.certificate else None
     if options.certificate and start is not None:
         raise RobotouilleError("--certificate needs the start of a task: leave out --from")
-    if out is not None and (not out.name or _is_folder(out)):
-        raise RobotouilleError(f"--out: {str(out)!r} is a folder; expected a file")
-    if out is not None and not out.parent.is_dir():
-        raise RobotouilleError(f"--out: no folder {out.parent}")
+    if out is not None:
+        check_file(out)
     return place
-
-
-def _is_folder(path: Path) -> bool:
-    try:
-        return path.is_dir()
-    except OSError:
-        return False
 
 
 # Start
@@ -372,8 +364,7 @@ def pddl(
 ) -> None:
     """Write a task in PDDL for other planners."""
     try:
-        if out.exists() and not out.is_dir():
-            raise RobotouilleError(f"--out: {out} is a file; expected a folder")
+        check_folder(out)
         written = encode(World(load_task(task, seats=seats)), encoding, created=created)
         out.mkdir(parents=True, exist_ok=True)
         (out / "domain.pddl").write_text(written.domain, encoding="utf-8")

@@ -11,6 +11,7 @@ import typer
 
 from robotouille.episode.rules import Clock
 from robotouille.errors import RobotouilleError
+from robotouille.output_files import check_file
 from robotouille.terminal import one_of, options_from
 from robotouille.world.lint import sound_task
 from robotouille_client.bots.kinds import OfferedBot
@@ -125,8 +126,7 @@ def _picture(setup: GameSetup, size: str, path: Path, rendering: str) -> None:
     from robotouille_client.window.preferences import Preferences
     from robotouille_client.window.window import Window
 
-    if not path.parent.is_dir():
-        raise RobotouilleError(f"no folder {path.parent}")
+    check_file(path, "--screenshot")
     game = LocalGame(replace(setup, countdown=0.0), "you", time.monotonic, None)
     window = Window(
         DisplayOptions(parse_size(size), headless=True),

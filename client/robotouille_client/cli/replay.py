@@ -17,6 +17,7 @@ from rich.console import Console
 from robotouille.certification.certificate import Deadline
 from robotouille.domain.task import Timing
 from robotouille.errors import RobotouilleError
+from robotouille.output_files import check_file
 from robotouille.planning.steps_to_go import Range, StepsLeft, quotient
 from robotouille.replay.annotations import agreement, read_annotations, read_codebook
 from robotouille.replay.annotations import rows as agreement_rows
@@ -360,20 +361,22 @@ def _range(found: Range | None) -> str:
 @replay.command()
 def export(
     file: FileArgument,
-    output: Annotated[
+    out: Annotated[
         Path | None, typer.Option(help="File to write. Default: standard output.")
     ] = None,
     texts: Annotated[bool, typer.Option(help="Add the observation of each seat in words.")] = False,
     damaged: DamagedOption = False,
 ) -> None:
     """Write a recording as JSON lines: header, steps, outcome."""
-    recording = _open(file, damaged=damaged)
     try:
+        if out is not None:
+            check_file(out)
+        recording = _open(file, damaged=damaged)
         lines = "".join(f"{line}\n" for line in json_lines(recording, texts=texts))
-        if output is None:
+        if out is None:
             sys.stdout.write(printable_json(lines))
         else:
-            output.write_text(lines, encoding="utf-8")
+            out.write_text(lines, encoding="utf-8")
     except (OSError, RobotouilleError) as error:
         fail(explain(error))
 
@@ -406,6 +409,8 @@ def play(
         require_pygame()
         from robotouille_client.window.replay.viewer import watch
 
+        if screenshot is not None:
+            check_file(screenshot, "--screenshot")
         opened = [(file, options.open(file)) for file in files]
         watch(
             opened,
@@ -441,6 +446,7 @@ def video(
         from robotouille_client.window.replay.film import film
         from robotouille_client.window.replay.recorded_history import RecordedHistory
 
+        check_file(output, "OUTPUT")
         history = RecordedHistory(options.open(file))
         with terminable():
             frames = film(history, output, speed, options.size, (first, last), options.rendering)
@@ -486,6 +492,7 @@ def page(
     from robotouille.web.recording_page import labels, replay_page
 
     try:
+        check_file(output, "OUTPUT")
         codes = None if codebook is None else read_codebook(codebook)
         recordings = [options.open(file) for file in files]
         left, struck = [], False

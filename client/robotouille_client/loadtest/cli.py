@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from robotouille.errors import RobotouilleError
+from robotouille.output_files import check_file
 from robotouille.terminal import options_from
 from robotouille_client.console import (
     ServerOptions,
@@ -175,14 +175,8 @@ def _check(plan: LoadPlan) -> None:
 def _check_files(options: LoadOptions) -> None:
     # A mistake must show now, not after an hour of load.
     for flag, file in (("--json", options.json_file), ("--html", options.html_file)):
-        if file is None:
-            continue
-        if file.is_dir():
-            raise RobotouilleError(f"{flag}: {file} is a folder")
-        if not file.absolute().parent.is_dir():
-            raise RobotouilleError(f"{flag}: no folder {file.absolute().parent}")
-        if not os.access(file if file.exists() else file.absolute().parent, os.W_OK):
-            raise RobotouilleError(f"{flag}: {file} cannot be written")
+        if file is not None:
+            check_file(file, flag)
     if options.html_file is not None:
         from robotouille.html_report import require_libraries
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from robotouille.errors import RobotouilleError
+from robotouille.output_files import check_file
 from robotouille.terminal import options_from, printable, tell
 from robotouille_client.console import failing
 
@@ -67,8 +68,7 @@ def cross_play(
     if options.out is not None:
         if options.out.suffix not in (".csv", ".json"):
             raise RobotouilleError(f"--out: expected a file .csv or .json, found {options.out}")
-        if not options.out.absolute().parent.is_dir():
-            raise RobotouilleError(f"--out: no folder {options.out.parent}")
+        check_file(options.out)
     loaded = load_task(task)
     if len(World(loaded).players) < 2:
         raise RobotouilleError(f"cross-play needs two seats or more; {task} has one")
