@@ -41,8 +41,8 @@ from robotouille_server.operator.guard import MAX_BODY, REFUSED_A_MINUTE
 from robotouille_server.operator.models import MAX_OPENED
 from robotouille_server.operator.recordings import replay_pages, store
 from robotouille_server.operator.recordings.archive import MAX_ARCHIVED
-from robotouille_server.rooms.episode_setup import MAX_FINISHED
-from robotouille_server.rooms.lobby import LINGER_SECONDS, MAX_REMATCHES
+from robotouille_server.rooms import rematches
+from robotouille_server.rooms.lobby import LINGER_SECONDS, MAX_ENDED
 from robotouille_server.rooms.participants.seat_limits import (
     CHAT_LINES,
     CHAT_LINES_AT_ONCE,
@@ -250,7 +250,13 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
     ),
     "Episodes": (
         Limit("Episodes that have not ended", "{max_episodes}", CREATE, "server/full"),
-        Limit("Open rematches requested by one participant", f"{MAX_REMATCHES}", CREATE,
+        Limit("Open rematches requested by one participant", f"{rematches.MAX_OPEN}", CREATE,
+              "rate/episodes"),
+        Limit("Rematches that players request of a game and of its rematches",
+              f"{rematches.REMATCHES_A_MINUTE:g} a minute, bursts of "
+              f"{rematches.REMATCHES_AT_ONCE:g}",
+              f"`create` is refused. Each {_size(rematches.RECORDED_BYTES)} of the ended game's "
+              "recording count as one more rematch.",
               "rate/episodes"),
         Limit("Open episodes per token subject", "{max_episodes_per_owner}", CREATE,
               "rate/episodes"),
@@ -276,8 +282,11 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               "The `absence` rule decides."),
         Limit("Time for episodes to end after SIGTERM", "{drain_seconds} s",
               "The episodes are handed over to the next process."),
-        Limit("Time for which an ended episode stays available", f"{LINGER_SECONDS:g} s",
+        Limit("Time for which an ended episode stays available",
+              f"{LINGER_SECONDS:g} s, or `grace` if that is longer",
               "`join` is refused.", "episode/unknown"),
+        Limit("Ended episodes that stay available", f"{MAX_ENDED}, and all with connected clients",
+              "The oldest without connected clients are closed.", "episode/unknown"),
         Limit("Spectators per episode", "{max_spectators}", "`join` and resuming are refused.",
               "episode/full"),
         Limit("Spectator names in a roster", f"{MAX_SPECTATOR_NAMES}",
@@ -307,7 +316,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               "Chat is refused.", "rate/words"),
         Limit("Bytes that wait while a recording cannot be written", _size(MAX_UNWRITTEN),
               "Returning clients get `bye` with `retry`.", "server/recording"),
-        Limit("Ended episodes remembered for a rematch", f"{MAX_FINISHED}",
+        Limit("Ended episodes remembered for a rematch", f"{rematches.MAX_FINISHED}",
               "The oldest are forgotten.", "episode/unknown"),
         Limit("Codes remembered of episodes that closed unused", f"{MAX_CODES:,}",
               "The oldest are forgotten.", "episode/unknown"),

@@ -33,6 +33,7 @@ from robotouille_server.auth import (
 from robotouille_server.rooms.lobby import Lobby
 from robotouille_server.rooms.participants.session import JoinedRoom, Session, SessionLimits
 from robotouille_server.rooms.participants.sessions import Sessions
+from robotouille_server.rooms.rematches import Asker
 from robotouille_server.rooms.room import Room
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
@@ -84,11 +85,13 @@ class Opening(BaseModel):
         request: The options of the episode.
         owner: The pseudonym of the participant who opens it.
         asker: The session and the pseudonym of the participant.
+        host: True if the participant may open episodes that are not rematches.
     """
 
     request: messages.Create
     owner: str = ""
     asker: tuple[str, ...] = ()
+    host: bool = True
 
 
 class ClusterRequests(Protocol):
@@ -188,7 +191,8 @@ def _subjects(room: Room, participants: Mapping[str, str], owner: str) -> dict[s
 def open_episode(services: Services, opening: Opening) -> tuple[Room, messages.Created]:
     """Open an episode in this process; return its room, and the answer without a `ref`."""
     message, owner = opening.request, opening.owner
-    room = services.lobby.create(message, owner=owner, asker=opening.asker)
+    asker = Asker(frozenset(opening.asker), opening.host)
+    room = services.lobby.create(message, owner=owner, asker=asker)
     created = messages.Created(ref=message.ref, episode=room.id, code=room.code)
     if message.tokens:
         tokens = services.seat_tokens(room, message.participants, owner)
@@ -244,8 +248,8 @@ class Requests:
     def _create(self, message: messages.Create) -> None:
         session, services = self._session, self._services
         check_opening(session.limits.only_episode)
-        asker = (session.id, session.participant)
-        opening = Opening(request=message, owner=self._owner, asker=asker)
+        asker, host = (session.id, session.participant), session.role.includes(Role.HOST)
+        opening = Opening(request=message, owner=self._owner, asker=asker, host=host)
         if services.cluster is not None:
             raise AnswerLater(self._create_in(services.cluster, opening))
         try:

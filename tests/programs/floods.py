@@ -45,6 +45,7 @@ from tests.programs.audience_flood import AudienceFlood
 from tests.programs.broker_flood import BrokerFlood, flooding_broker
 from tests.programs.honest_game import HELLO, SUBPROTOCOL, HonestGame
 from tests.programs.record_flood import Kind, RecordFlood
+from tests.programs.rematch_flood import RematchFlood
 from tests.programs.resume_storm import ResumeStorm
 from tests.support.fuzzing.wire import BINARY, CONTINUATION, PING, PONG, TEXT, frame, request
 from tests.support.nats import missing, nats_cluster
@@ -104,13 +105,13 @@ class Flood:
     `hurries`, it is closed after 40 ms, answered or not. With `watched`, the flood plays in rooms
     with 200 spectators each, given by their tasks and views; with `resyncs`, these spectators ask
     for snapshots. With `resumes`, the connections are spectators that vanish all at once and resume
-    their sessions. With `elsewhere`, its connections are remote; new clients are then remote too
-    and have a token. `rooms` is the number of other episodes on the server. With `page`, each
-    connection requests this page again and again; with `operator`, from the operator port. With
-    `records`, the server uses TLS with an RSA key, and the connections send records of this kind.
-    With `broker`, the flood comes from an MQTT broker of this kind, during the whole measurement.
-    With `cluster`, the connections flood another node of the server's cluster, on a real NATS.
-    `max_growth` is the limit for the server's memory.
+    their sessions. With `rematches`, they end games and ask for rematches. With `elsewhere`, its
+    connections are remote; new clients are then remote too and have a token. `rooms` is the number
+    of other episodes on the server. With `page`, each connection requests this page again and
+    again; with `operator`, from the operator port. With `records`, the server uses TLS with an RSA
+    key, and the connections send records of this kind. With `broker`, the flood comes from an MQTT
+    broker of this kind, during the whole measurement. With `cluster`, the connections flood another
+    node of the server's cluster, on a real NATS. `max_growth` is the limit for the server's memory.
     """
 
     what: str
@@ -124,6 +125,7 @@ class Flood:
     chats: bool = False
     resyncs: bool = False
     resumes: bool = False
+    rematches: bool = False
     page: str = ""
     operator: bool = False
     records: Kind | None = None
@@ -202,6 +204,12 @@ FLOODS = {
         "spectators that resume and vanish in bursts, from 200 connections",
         resumes=True,
         connections=200,
+    ),
+    "rematches": Flood(
+        "games that players end at once, and their rematches, from 8 connections",
+        rematches=True,
+        connections=8,
+        max_growth=16 * 1024 * 1024,
     ),
     "metrics": Flood("reads of the metrics, from 60 connections", page="/metrics", connections=60),
     "operator": Flood(
@@ -357,6 +365,8 @@ def attack(name: str, port: int, code: str) -> None:
         records.run()
     if flood.resumes:
         ResumeStorm(port, code, flood.connections).run()
+    if flood.rematches:
+        RematchFlood(port, flood.connections).run()
     if flood.silent:
         _keep_silent(port, flood.silent, flood.elsewhere)
     attackers = [Attacker(flood, port, code) for _ in range(flood.connections)]

@@ -10,10 +10,18 @@ import pytest
 
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
-from robotouille_client import Client, Game
+from robotouille_client import Client, Game, connect
 from robotouille_server import Server
-from robotouille_server.rooms.episode_setup import MAX_FINISHED, Rematches
-from robotouille_server.rooms.lobby import MAX_REMATCHES
+from robotouille_server.auth import Role
+from robotouille_server.rooms import lobby
+from robotouille_server.rooms.rematches import (
+    MAX_FINISHED,
+    MAX_OPEN,
+    RECORDED_BYTES,
+    REMATCHES_A_MINUTE,
+    REMATCHES_AT_ONCE,
+    Rematches,
+)
 from tests.support.lost_connections import cut
 from tests.support.servers import serving, with_clients
 from tests.support.virtual_time import virtual
@@ -186,7 +194,7 @@ class TestRefusedRematch:
     async def test_player_cannot_fill_the_server(self, tmp_path: Path) -> None:
         async with with_clients(tmp_path, "ada", "bob") as (server, ada, bob):
             codes = []
-            for _ in range(MAX_REMATCHES + 1):
+            for _ in range(MAX_OPEN + 1):
                 games = await played([ada, bob])
                 codes.append(games[0].code)
                 await asyncio.gather(ada.leave(), bob.leave())
@@ -207,6 +215,114 @@ class TestRefusedRematch:
                 await ada.create(rematch=games[0].code)
             assert refused.value.code == "server/full"
             assert one.code
+
+
+ALONE = "synchronous/01"
+LEFT = {"clock": "lockstep", "absence": "end"}
+"""Options of an episode that ends when its only player leaves."""
+
+
+async def ended(host: Client, player: Client, *notes: str, **options: object) -> str:
+    """End an episode by leaving it; return its code."""
+    created = await host.create(ALONE, **{**LEFT, **options})
+    game = await player.join(created.code)
+    for note in notes:
+        game.note("plan", note)
+        await asyncio.sleep(1)
+    await player.leave()
+    return created.code
+
+
+async def rematches_in_a_row(player: Client, code: str, most: int) -> tuple[int, str]:
+    """Ask for rematches and leave them, until one is refused; return their number and the last."""
+    for number in range(most):
+        try:
+            code = (await player.create(rematch=code)).code
+        except ProtocolError as error:
+            assert (error.code, error.field) == ("rate/episodes", "rematch")
+            assert "try again in" in error.message
+            return number, code
+        await player.join(code)
+        await player.leave()
+    return most, code
+
+
+@pytest.mark.slow
+class TestRateOfRematches:
+    @virtual
+    async def test_player_cannot_fill_memory_and_disk(self, tmp_path: Path) -> None:
+        async with with_clients(tmp_path, "host") as (server, host):
+            token = server.tokens.mint_role(Role.PLAYER, "p-1", seconds=86_400)
+            async with connect(server.url, name="eve", token=token) as eve:
+                first = await ended(host, eve)
+                most = int(REMATCHES_AT_ONCE)
+                number, last = await rematches_in_a_row(eve, first, most + 20)
+                # Time passes, but little.
+                assert most <= number <= most + 2
+                # Rematches of all games in the row count together.
+                assert (await rematches_in_a_row(eve, first, 1))[0] == 0
+                await asyncio.sleep(60)
+                number, _ = await rematches_in_a_row(eve, last, most)
+                assert REMATCHES_A_MINUTE <= number <= REMATCHES_A_MINUTE + 2
+
+    @virtual
+    async def test_long_recordings_count_more(self, tmp_path: Path) -> None:
+        async with with_clients(tmp_path, "host") as (server, host):
+            token = server.tokens.mint_role(Role.PLAYER, "p-1", seconds=86_400)
+            async with connect(server.url, name="eve", token=token) as eve:
+                words = ["x" * 8000] * (11 * RECORDED_BYTES // 8000)
+                number, _ = await rematches_in_a_row(eve, await ended(host, eve, *words), 60)
+                assert REMATCHES_AT_ONCE - 13 <= number <= REMATCHES_AT_ONCE - 9
+
+    @virtual
+    async def test_people_who_play_are_never_refused(self, tmp_path: Path) -> None:
+        async with with_clients(tmp_path, "host") as (server, host):
+            token = server.tokens.mint_role(Role.PLAYER, "p-1", seconds=86_400)
+            async with connect(server.url, name="ada", token=token) as ada:
+                code = await ended(host, ada)
+                for _ in range(100):
+                    code = (await ada.create(rematch=code)).code
+                    await ada.join(code)
+                    await asyncio.sleep(60 / REMATCHES_A_MINUTE)
+                    await ada.leave()
+
+    @virtual
+    async def test_hosts_are_not_limited(self, tmp_path: Path) -> None:
+        async with with_clients(tmp_path, "host") as (_, host):
+            most = int(2 * REMATCHES_AT_ONCE)
+            number, _ = await rematches_in_a_row(host, await ended(host, host), most)
+            assert number == most
+
+
+class TestEndedEpisodes:
+    @virtual
+    async def test_number_of_kept_rooms_is_bounded(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(lobby, "MAX_ENDED", 3)
+        async with with_clients(tmp_path, "ada", "bob") as (server, ada, bob):
+            first = await ended(ada, bob, grace=86_400.0)
+            await ada.join(first, role="spectator")
+            codes = [await ended(bob, bob, grace=86_400.0) for _ in range(6)]
+            # Besides the latest rooms, the one with a connected participant stays.
+            assert {room.code for room in server.lobby.rooms.values()} == {first, *codes[-2:]}
+            assert (await bob.create(rematch=codes[0])).code
+
+    @virtual
+    async def test_absent_participant_of_a_closed_room_sees_the_end(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(lobby, "MAX_ENDED", 1)
+        async with with_clients(tmp_path, "ada", "bob") as (server, ada, bob):
+            created = await ada.create(ALONE, **RULES)
+            game = await ada.join(created.code)
+            server.lobby.find(created.code).abort("the lesson is over")
+            cut(ada)
+            await ended(bob, bob)
+            await asyncio.sleep(30)
+            assert game.finished
+            assert ada.game is not None
+            assert ada.game.outcome is not None
 
 
 @virtual
@@ -258,7 +374,7 @@ async def test_number_of_remembered_games_is_bounded(tmp_path: Path) -> None:
     async with with_clients(tmp_path, "ada", "bob") as (server, ada, bob):
         games = await played([ada, bob])
         room = server.lobby.find(games[0].code)
-        kept = Rematches()
+        kept = Rematches(lambda: 0.0)
         for number in range(MAX_FINISHED + 1):
             room.id, room.code = f"e{number}", f"C{number}"
             kept.add(room)

@@ -1,24 +1,20 @@
-"""Setup of an episode: task and rules, from a `create` message, the settings or an ended game."""
+"""Setup of an episode: task and rules, from a `create` message and the settings."""
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 from robotouille.certification.step_limit import people_step_limit
 from robotouille.domain.loading import load_task
 from robotouille.domain.task import Task, Timing
 from robotouille.episode import Chat, Rules, SeatTreatment
-from robotouille.episode.rules import NO_TREATMENT
 from robotouille.errors import FileError, ProtocolError, UnknownTaskError, did_you_mean
 from robotouille.protocol import messages
 from robotouille.world.world import shared_world
-from robotouille_server.rooms.room import Room
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.task_folder import TaskFolder
-from robotouille_server.runtime.workers import plain_code
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,108 +140,3 @@ def _check_players(field: str, named: Iterable[str], players: Collection[str]) -
         if player not in players:
             message = f"unknown seat {player!r}; the seats are {', '.join(players)}"
             raise ProtocolError("seat/unknown", message, field)
-
-
-# Rematches
-
-MAX_FINISHED = 256
-"""Ended games that a process remembers."""
-ALONE = {"type", "ref", "rematch"}
-"""Fields that a `create` with `rematch` may have."""
-
-
-@dataclass(slots=True)
-class FinishedGame:
-    """Ended game that can be played again.
-
-    Attributes:
-        episode: The id of the ended episode.
-        code: The code of the ended episode.
-        setup: The task and rules.
-        owner: The pseudonym of the participant who opened the ended episode.
-        players: The sessions and pseudonyms of all who had a seat.
-        banned: The sessions and pseudonyms of all who were removed.
-        next: The id of the rematch, if one was opened. All players share one rematch.
-    """
-
-    episode: str
-    code: str
-    setup: EpisodeSetup
-    owner: str
-    players: frozenset[str]
-    banned: frozenset[str]
-    next: str = ""
-
-    @classmethod
-    def of(cls, room: Room) -> FinishedGame:
-        """Return the game of a room."""
-        seats = room.episode.seats.values()
-        setup = EpisodeSetup(
-            room.world.task,
-            # A rematch begins when its players have joined; it is not a reservation.
-            room.episode.rules.model_copy(update={"open_for": None}),
-            room.seed,
-            room.labels,
-            {seat.player: seat.treatment for seat in seats if seat.treatment != NO_TREATMENT},
-        )
-        return cls(
-            room.id,
-            room.code,
-            setup,
-            room.owner,
-            frozenset(room.membership.ever_seated - {""}),
-            frozenset(room.episode.record.banned),
-        )
-
-    def setup_for(self, owner: str) -> EpisodeSetup:
-        """Return the setup of a rematch; only the first owner's rematches keep the labels."""
-        return self.setup if owner == self.owner else replace(self.setup, labels={})
-
-    def check(self, asker: Collection[str]) -> None:
-        """Check that a participant may play again.
-
-        Raises:
-            ProtocolError: `auth/episode` if the participant had no seat, `episode/banned` if it was
-                removed.
-        """
-        # The ban is checked first, because a removed player also had a seat.
-        if not self.banned.isdisjoint(asker):
-            message = "you were removed from this episode and cannot play it again"
-            raise ProtocolError("episode/banned", message, "rematch")
-        if self.players.isdisjoint(asker):
-            # The code stays secret: the participant may know only the id.
-            message = "you had no seat in this episode; only its players can play it again"
-            raise ProtocolError("auth/episode", message, "rematch")
-
-
-class Rematches:
-    """Ended games of a process, by id and code."""
-
-    def __init__(self) -> None:
-        self._games: OrderedDict[str, FinishedGame] = OrderedDict()
-        self._codes: dict[str, FinishedGame] = {}
-
-    def add(self, room: Room) -> None:
-        """Remember an ended game, unless nobody had a seat in it."""
-        game = FinishedGame.of(room)
-        # An archived episode that is shown again must not replace its game, which may have a
-        # rematch.
-        if not game.players or game.episode in self._games:
-            return
-        # The number of games is bounded, because each keeps its task and the ids of its players.
-        while len(self._games) >= MAX_FINISHED:
-            _, oldest = self._games.popitem(last=False)
-            self._codes.pop(plain_code(oldest.code), None)
-        self._games[game.episode] = self._codes[plain_code(game.code)] = game
-
-    def find(self, name: str) -> FinishedGame | None:
-        """Return the game with an id or code."""
-        return self._games.get(name) or self._codes.get(plain_code(name))
-
-
-def check_alone(request: messages.Create) -> None:
-    """Raise ProtocolError if a rematch requests other options than the ended game had."""
-    said = request.model_dump(exclude_defaults=True).keys() - ALONE
-    if said:
-        message = "a rematch keeps the task and rules: leave this field out"
-        raise ProtocolError("message/invalid-field", message, min(said))

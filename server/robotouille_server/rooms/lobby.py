@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import NoReturn
 
@@ -13,17 +13,13 @@ from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille_server.auth import same_episode
 from robotouille_server.rooms.episode_driver import Machinery
-from robotouille_server.rooms.episode_setup import (
-    EpisodeSetup,
-    FinishedGame,
-    Rematches,
-    check_alone,
-)
+from robotouille_server.rooms.episode_setup import EpisodeSetup
 from robotouille_server.rooms.participants.seat_limits import LOOK_SECONDS
 from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.participants.sessions import Sessions
 from robotouille_server.rooms.recording.archive import ArchivedEpisode
 from robotouille_server.rooms.recording.recovery import Recovery
+from robotouille_server.rooms.rematches import Asker, FinishedGame, Rematches, check_alone
 from robotouille_server.rooms.room import Room, RoomObserver
 from robotouille_server.rooms.room_factory import (
     CODE_LENGTH,
@@ -45,10 +41,11 @@ LINGER_SECONDS = 120.0
 """Seconds for which the room of an ended episode is kept, for participants who come back late."""
 MAX_LISTED = 500
 """Episodes in one answer to `list`."""
-MAX_REMATCHES = 2
-"""Open rematches that one participant has requested."""
+MAX_ENDED = 256
+"""Ended episodes whose rooms are kept, apart from those in which participants are connected."""
 INSPECTION_SECONDS = 5.0
 """Seconds between two inspections of all open recordings."""
+NOBODY = Asker(frozenset())
 
 
 class Lobby:
@@ -80,12 +77,11 @@ class Lobby:
         self._draining = False
         self._observers: list[RoomObserver] = []
         self._codes = JoinCodes(around.randomness, around.worker)
-        self._rematches = Rematches()
         self._live: set[Room] = set()
-        self._askers: dict[Room, frozenset[str]] = {}
         self._closing: set[asyncio.Future[str]] = set()
         self._lingering: dict[Room, asyncio.TimerHandle] = {}
         self._timers = TimerQueue()
+        self._rematches = Rematches(self._timers.time)
         self._bot_scheduler = BotScheduler(around.bot_worker)
         machinery = Machinery(metrics, self._timers, loop_budget, self._bot_scheduler)
         self._factory = RoomFactory(around, self._codes, machinery, sessions, self)
@@ -124,15 +120,13 @@ class Lobby:
 
     # Opening
 
-    def create(
-        self, request: messages.Create, *, owner: str = "", asker: Collection[str] = ()
-    ) -> Room:
+    def create(self, request: messages.Create, *, owner: str = "", asker: Asker = NOBODY) -> Room:
         """Open a room.
 
         Args:
             request: The options of the episode.
             owner: The pseudonym of the participant who opens it.
-            asker: The session and the pseudonym of a participant who requests a rematch.
+            asker: The participant who requests a rematch.
 
         Raises:
             ProtocolError: The options are invalid or the server cannot open another room.
@@ -143,7 +137,7 @@ class Lobby:
         setup = EpisodeSetup.requested(request, self._settings, self.tasks)
         return self._add(self._factory.new(setup, owner))
 
-    def _play_again(self, request: messages.Create, owner: str, asker: Collection[str]) -> Room:
+    def _play_again(self, request: messages.Create, owner: str, asker: Asker) -> Room:
         """Open a rematch, or return the one that another participant has opened already."""
         check_alone(request)
         game = self._finished(request.rematch or "", asker)
@@ -155,35 +149,28 @@ class Lobby:
         # The limits apply to new rooms only: players may always join a rematch that another player
         # has opened.
         self._check_capacity(owner, reserved=False)
-        self._check_rematches(asker)
+        self._rematches.charge(game, asker)
         room = self._add(self._factory.new(game.setup_for(owner), owner))
-        self._askers[room] = frozenset(asker)
-        game.next = room.id
+        self._rematches.opened(game, room, asker)
         if (before := self.rooms.get(game.episode)) is not None:
             before.offer_rematch(room.code)
         return room
 
-    def _finished(self, name: str, asker: Collection[str]) -> FinishedGame:
+    def _finished(self, name: str, asker: Asker) -> FinishedGame:
         game = self._rematches.find(name)
         if game is None:
             self._refuse_rematch(name, asker)
         return game
 
-    def _refuse_rematch(self, name: str, asker: Collection[str]) -> NoReturn:
+    def _refuse_rematch(self, name: str, asker: Asker) -> NoReturn:
         """Raise the error for an episode that runs, is on another worker, or is unknown."""
         room = self._known(name) or self._found_elsewhere(name)
         # Other participants must not find out which codes exist.
-        if room is not None and not room.membership.ever_seated.isdisjoint(asker):
+        if room is not None and not room.membership.ever_seated.isdisjoint(asker.names):
             message = "this game has not ended yet; request a rematch after its end"
             raise ProtocolError("message/invalid-field", message, "rematch")
         message = "no recent episode has this id or code; create a new one"
         raise ProtocolError(ErrorCode.EPISODE_UNKNOWN, message, "rematch")
-
-    def _check_rematches(self, asker: Collection[str]) -> None:
-        # Players are not trusted as hosts are. Without a limit, one player could fill the server.
-        if sum(not each.isdisjoint(asker) for each in self._askers.values()) >= MAX_REMATCHES:
-            message = f"{MAX_REMATCHES} of your rematches are open already; play or end one first"
-            raise ProtocolError("rate/episodes", message, "rematch")
 
     def _check_capacity(self, owner: str, *, reserved: bool) -> None:
         if self.draining:
@@ -405,7 +392,6 @@ class Lobby:
     def ended(self, room: Room) -> None:
         """Finish the recording of an ended episode, and keep its room for a while."""
         self._live.discard(room)
-        self._askers.pop(room, None)
         self._count()
         if room.reserved:
             self._codes.close_unused(UnusedCode(info(room, room.labels), room.owner))
@@ -427,6 +413,17 @@ class Lobby:
         seconds = max(LINGER_SECONDS, room.episode.rules.grace)
         loop = asyncio.get_running_loop()
         self._lingering[room] = loop.call_later(seconds, self._forget, room)
+        self._limit_ended(room)
+
+    def _limit_ended(self, newest: Room) -> None:
+        """Close the oldest ended room in which nobody is connected, if there are too many rooms.
+
+        Rooms with connected participants need no limit: there are fewer of them than connections.
+        """
+        if len(self._lingering) > MAX_ENDED:
+            deserted = (r for r in self._lingering if r is not newest and not r.occupied)
+            if (oldest := next(deserted, None)) is not None:
+                self._forget(oldest)
 
     async def closed(self) -> None:
         """Wait until all ended recordings are closed and the substitutes' worker has ended."""
@@ -469,7 +466,7 @@ class Lobby:
         self._lingering.clear()
 
     def _forget(self, room: Room) -> None:
-        self._lingering.pop(room, None)
+        self._lingering.pop(room).cancel()
         self._drop(room)
         for session in list(room.members):
             if session.peer is None:
@@ -480,7 +477,7 @@ class Lobby:
         self.rooms.pop(room.id, None)
         self.dropped += 1
         self._live.discard(room)
-        self._askers.pop(room, None)
+        self._rematches.drop(room)
         self._codes.drop(room)
         if self._recovery is not None:
             self._recovery.forget(room)

@@ -163,6 +163,12 @@ class Room:
         return self.broadcaster.spectators_here
 
     @property
+    def occupied(self) -> bool:
+        """True if a participant is connected, here or on another node."""
+        here = any(session.peer is not None for session in self.members)
+        return here or self.broadcaster.mirrored[0] > 0
+
+    @property
     def mirrored(self) -> bool:
         return False
 

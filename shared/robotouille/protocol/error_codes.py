@@ -72,7 +72,7 @@ class ErrorCode(StrEnum):
     RATE_SEATS = "rate/seats"
     """The seat was taken, resumed or made ready too often. Wait."""
     RATE_EPISODES = "rate/episodes"
-    """The token's owner has too many episodes, or the player too many open rematches."""
+    """The token's owner has too many episodes, or a player has asked for too many rematches."""
 
     SESSION_ELSEWHERE = "session/elsewhere"
     """`bye` only: another connection used the resume or role token of the seat."""
