@@ -7,6 +7,7 @@ so a row and an instance belong together if the recorded task is that of the ins
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -89,7 +90,8 @@ def remeasure(
         yield from (_result(row, pack, run) for row in rows)
         return
     with _workers(processes, pack, run) as pool:
-        futures = [pool.submit(_result_elsewhere, row.model_dump_json()) for row in rows]
+        with _interrupts_blocked():
+            futures = [pool.submit(_result_elsewhere, row.model_dump_json()) for row in rows]
         for future in as_completed(futures):
             text, fault = future.result()
             yield Remeasured(ResultRow.model_validate_json(text) if text else None, fault)
@@ -113,13 +115,27 @@ def _workers(processes: int, pack: Pack, run: Path) -> Iterator[ProcessPoolExecu
             raise
 
 
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Start processes that leave Ctrl+C to their parent, also while they import modules.
+
+    The parent receives it at the end of the block.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 _shared: list[tuple[Pack, Path]] = []
 """Pack and run of a worker process, which receives them once and not with each row."""
 
 
 def _begin(pack: Pack, run: Path) -> None:
-    # Ctrl+C is left to the parent, which waits for the rows in progress.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     _shared.append((pack, run))
 
 
