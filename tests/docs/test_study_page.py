@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -20,13 +20,12 @@ import pytest
 
 pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 
-from robotouille.planning.beam.opportunities import Opportunities
-from robotouille.replay import Recording, read_recording
-from robotouille.replay.measures import activities
+from robotouille.replay import read_recording
 from robotouille_data.database import database_url
 from robotouille_data.query import asking
 from tests.support.pages import read, titled
 from tests.support.sources import ROOT
+from tests.support.study_by_hand import activities, frames, useful_steps
 from tests.support.worker_processes import lasting_ports
 
 PAGE = read("run_a_study.md")
@@ -37,7 +36,7 @@ PROGRAMS = {
 }
 QUERY = (ROOT / "examples/study/table.sql").read_text(encoding="utf-8")
 SECONDS = 240
-COUNTS = ("acted", "busy", "away")
+ACTIVITIES = ("acted", "busy", "waiting", "idle", "away", "substituted")
 
 needs_broker = pytest.mark.skipif(
     not all(
@@ -181,7 +180,7 @@ def test_the_table_matches_the_recordings(study: tuple[Path, str, Path]) -> None
     expected = {
         (row["episode"], row["player"]): row
         for path in (folder / "recordings").glob("*.rbt")
-        for row in by_hand(read_recording(path))
+        for row in by_hand(frames(path.read_bytes()))
     }
     assert len(table) == len(rows) == len(expected) == 40
     for key, row in expected.items():
@@ -201,55 +200,51 @@ def test_the_table_matches_the_recordings(study: tuple[Path, str, Path]) -> None
 
 def test_experts_act_again_after_they_return(study: tuple[Path, str, Path]) -> None:
     for path in (study[0] / "recordings").glob("*.rbt"):
-        recording = read_recording(path)
-        if recording.header["labels"]["condition"] == "expert":
-            did = [seats.did for _, seats in activities(recording)]
+        recorded = frames(path.read_bytes())
+        if recorded[0]["labels"]["condition"] == "expert":
+            did = [seats for _, seats in activities(recorded)]
             for player in {player for step in did for player in step if step[player] == "away"}:
                 course = [step[player] for step in did]
                 assert "acted" in course[course.index("away") :]
 
 
-def by_hand(recording: Recording) -> Iterator[dict[str, Any]]:
-    """Compute the rows of an episode from the server's counts and from the frames."""
-    outcome, labels = recording.outcome, recording.header["labels"]
-    assert outcome is not None
-    asked = Counter(
-        (note.get("player"), note["note"]) for note in recording.notes() if note.get("player")
-    )
-    acted: dict[str, set[int]] = defaultdict(set)
-    for step, seats in activities(recording):
-        for player, did in seats.did.items():
-            if did == "acted":
-                acted[player].add(step)
-    judge, useful = Opportunities(recording.world), Counter[tuple[str, bool]]()
-    for (_, seats), (_, state) in zip(activities(recording), recording.states(), strict=False):
-        for player, did in seats.did.items():
-            if did not in ("acted", "busy", "away", "substituted"):
-                useful[player, judge.useful(state, player)] += 1
+def by_hand(recorded: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Compute the rows of an episode from its frames alone."""
+    labels, outcome = recorded[0]["labels"], recorded[-1]["outcome"]
+    steps = [frame for frame in recorded if frame["kind"] == "step"]
+    notes = [note for frame in recorded for note in frame.get("notes", ())]
+    asked = Counter((note.get("player"), note["note"]) for note in notes)
+    did = dict(activities(recorded))
+    useful = Counter((player, could) for _, player, could in useful_steps(recorded))
     for seat in outcome["seats"]:
         player = seat["player"]
-        assert useful[player, True] + useful[player, False] == seat["idle"] + seat["waiting"]
+        counted = Counter(seats[player] for seats in did.values())
+        assert {name: counted[name] for name in ACTIVITIES} == {
+            name: seat[name] for name in ACTIVITIES
+        }
         moves = [
             (frame["step"], move["seq"] > 0, str(place) in frame.get("unmet", {}), move["ms"])
-            for frame in recording.steps
+            for frame in steps
             for place, move in enumerate(frame["moves"])
             if move["player"] == player
         ]
-        times = [ms for step, own, lost, ms in moves if own and not lost and step in acted[player]]
+        times = [
+            ms for step, own, lost, ms in moves if own and not lost and did[step][player] == "acted"
+        ]
         yield {
             "condition": labels["condition"],
             "pair": labels["pair"],
-            "episode": recording.header["episode"],
+            "episode": recorded[0]["episode"],
             "player": player,
             "outcome": outcome["reason"],
-            "steps": outcome["steps"],
-            **{name: seat[name] for name in COUNTS},
+            "steps": len(steps),
+            **{name: counted[name] for name in ("acted", "busy", "away")},
             "unused": useful[player, True],
             "hindered": useful[player, False],
-            "waits": sum(player in frame.get("waits", ()) for frame in recording.steps),
+            "waits": sum(player in frame.get("waits", ()) for frame in steps),
             "rejections": asked[player, "rejected"]
             + sum(own and lost for _, own, lost, _ in moves),
-            "chat": seat["said"],
+            "chat": asked[player, "said"],
             "decision_ms": sum(times) / len(times) if times else None,
         }
 
