@@ -57,11 +57,12 @@ class NatsCluster:
 
     Servers have the names `nats0`, `nats1` and so on. They do not advertise each other to clients,
     so clients connect only to the addresses that they were given. `options` are lines for the
-    configuration of every server.
+    configuration of every server, and `file_store` is the size of its JetStream on disk.
     """
 
-    def __init__(self, folder: Path, servers: int, options: Sequence[str]) -> None:
+    def __init__(self, folder: Path, servers: int, options: Sequence[str], file_store: str) -> None:
         self._folder = folder
+        self._file_store = file_store
         # Outgoing connections must not take the port of a dead server, or connect to themselves.
         first = lasting_ports(3 * servers)
         self._ports = [_Ports(*range(at, at + 3)) for at in range(first, first + 3 * servers, 3)]
@@ -160,7 +161,7 @@ class NatsCluster:
         yield f"listen: 127.0.0.1:{own.client}"
         yield f"http: 127.0.0.1:{own.monitor}"
         yield f'jetstream {{store_dir: "{self._folder / f"nats{i}"}"'
-        yield "  max_memory_store: 64MB, max_file_store: 512MB}"
+        yield f"  max_memory_store: 64MB, max_file_store: {self._file_store}}}"
         if len(self._ports) > 1:
             routes = [f"nats://127.0.0.1:{each.cluster}" for each in self._ports if each != own]
             yield f"cluster {{name: tests, listen: 127.0.0.1:{own.cluster}, no_advertise: true"
@@ -205,11 +206,11 @@ class NatsCluster:
 
 @contextmanager
 def nats_cluster(
-    folder: Path, servers: int = 3, options: Sequence[str] = ()
+    folder: Path, servers: int = 3, options: Sequence[str] = (), file_store: str = "512MB"
 ) -> Iterator[NatsCluster]:
     """Run NATS servers with JetStream that have elected a meta leader."""
     folder.mkdir(parents=True, exist_ok=True)
-    cluster = NatsCluster(folder, servers, options)
+    cluster = NatsCluster(folder, servers, options, file_store)
     try:
         for i in range(servers):
             cluster.start(i)

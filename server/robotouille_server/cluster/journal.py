@@ -101,6 +101,7 @@ class _Write:
 
     Attributes:
         busy: The seconds in which this process could read no answer.
+        refusal: The reason that NATS has given for refusing the last attempt.
     """
 
     message: Append
@@ -108,6 +109,7 @@ class _Write:
     busy: float = 0.0
     sent: float = 0.0
     retry_at: float = 0.0
+    refusal: str = ""
     asking: bool = field(default=False)
 
 
@@ -243,7 +245,8 @@ class ReplicatedJournal:
             write.retry_at = now + RETRY_SECONDS
             if now - write.sent >= LEASE_SECONDS:
                 self._quiet_until = now + LEASE_SECONDS
-            self._fails(str(result))
+            write.refusal = str(result)
+            self._fails(write.refusal)
 
     def _written(self, write: _Write, sequence: int) -> None:
         self._write = None
@@ -309,7 +312,7 @@ class ReplicatedJournal:
         if now >= write.retry_at:
             self._send(write)
         if now >= write.begun + write.busy + LATE_SECONDS:
-            self._fails("NATS has no quorum, or cannot be reached")
+            self._fails(write.refusal or "NATS has no quorum, or cannot be reached")
 
     def _fails(self, why: str) -> None:
         # After a suspension of this process, another node may have the episode. Until the answers

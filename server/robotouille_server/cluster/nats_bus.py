@@ -15,7 +15,6 @@ from typing import Any
 from nats.aio.client import Client
 from nats.aio.msg import Msg
 from nats.errors import Error as NatsError
-from nats.errors import NoRespondersError
 from nats.errors import TimeoutError as NatsTimeoutError
 from nats.js import JetStreamContext
 from nats.js.api import (
@@ -33,7 +32,6 @@ from nats.js.errors import (
     APIError,
     KeyDeletedError,
     KeyNotFoundError,
-    KeyWrongLastSequenceError,
     NotFoundError,
 )
 from nats.js.kv import KeyValue
@@ -47,9 +45,14 @@ from robotouille_server.cluster.bus import (
     BusError,
     ConflictError,
     Entry,
-    NoAnswererError,
     Stored,
     UnavailableError,
+)
+from robotouille_server.cluster.nats_errors import (
+    IN_USE,
+    NO_MESSAGE,
+    WRONG_SEQUENCE,
+    NatsErrors,
 )
 from robotouille_server.cluster.purging import CarefulJetStream
 from robotouille_server.runtime.logs import get_logger
@@ -75,9 +78,6 @@ MAX_PUBLISHED = 8 * 1024 * 1024
 KEEP = "Robotouille-Keep"
 EXPECTED = str(Header.EXPECTED_LAST_SUBJECT_SEQUENCE.value)
 MESSAGE_ID = str(Header.MSG_ID.value)
-WRONG_SEQUENCE = (10071, 10164)
-"""NATS's error codes for an unexpected last sequence number."""
-IN_USE = 10058
 
 
 @asynccontextmanager
@@ -114,6 +114,7 @@ class NatsBus:
         self._inbox = ""
         self._tasks: set[asyncio.Task[None]] = set()
         self._lost_reason = ""
+        self._errors = NatsErrors()
 
     @property
     def connected(self) -> bool:
@@ -189,7 +190,7 @@ class NatsBus:
         """
         # A single server is enough to try a cluster, but then its disk is all there is.
         replicas = REPLICAS if self._info.get("cluster") else 1
-        if replicas == 1:
+        if replicas == 1 and not self._buckets:
             get_logger().warning("NATS is a single server, so recordings have one replica")
         journal = StreamConfig(
             name=self._stream,
@@ -202,7 +203,7 @@ class NatsBus:
             num_replicas=replicas,
             allow_direct=False,
         )
-        async with _create_errors():
+        async with self._errors.explained(REPLICAS):
             with contextlib.suppress(_InUseError):
                 await _or_in_use(partial(self._js.add_stream, journal))
         for bucket in Bucket:
@@ -214,7 +215,7 @@ class NatsBus:
                 replicas=replicas,
                 direct=False,
             )
-            async with _create_errors():
+            async with self._errors.explained(REPLICAS):
                 try:
                     self._buckets[bucket] = await _or_in_use(
                         partial(self._js.create_key_value, config)
@@ -224,14 +225,14 @@ class NatsBus:
         files = ObjectStoreConfig(
             bucket=self._recordings, storage=StorageType.FILE, replicas=replicas
         )
-        async with _create_errors():
+        async with self._errors.explained(REPLICAS):
             with contextlib.suppress(_InUseError):
                 await _or_in_use(partial(self._js.create_object_store, self._recordings, files))
         streams = [self._stream, *(f"KV_{self._prefix}_{bucket}" for bucket in Bucket)]
         # A stream that another node has just created has no leader, and drops requests.
         quick = self._nats.jetstream(timeout=LEADER_SECONDS)
         for stream in streams:
-            async with _create_errors():
+            async with self._errors.explained(REPLICAS):
                 with contextlib.suppress(NotFoundError):
                     await _until_answered(partial(quick.get_last_msg, stream, "any"))
 
@@ -319,7 +320,7 @@ class NatsBus:
             await self._nats.publish(f"{self._prefix}.{subject}", data)
 
     async def _answered(self, answer: Msg) -> None:
-        self._finish(answer.subject.rpartition(".")[2], _acknowledged(answer))
+        self._finish(answer.subject.rpartition(".")[2], _acknowledged(answer, self._errors))
 
     def _finish(self, token: str, result: int | BusError) -> None:
         waiting = self._waiting.pop(token, None)
@@ -344,16 +345,16 @@ class NatsBus:
                     break
                 late.append(token)
             for token in late:
-                self._finish(token, UnavailableError("NATS does not answer"))
+                self._finish(token, self._errors.unavailable("NATS does not answer"))
 
     async def last(self, subject: str) -> Stored | None:
-        async with _errors():
+        async with self._errors.translated():
             try:
                 found = await self._js.get_last_msg(
                     self._stream, f"{self._prefix}.journal.{subject}"
                 )
             except NotFoundError as error:
-                if error.err_code != 10037:  # Any other means that the stream is gone.
+                if error.err_code != NO_MESSAGE:  # Any other means that the stream is gone.
                     raise
                 return None
             return _stored(found.seq or 0, found.headers, found.data or b"")
@@ -375,7 +376,7 @@ class NatsBus:
         if after:
             first = DeliverPolicy.BY_START_SEQUENCE
             config = ConsumerConfig(deliver_policy=first, opt_start_seq=after + 1)
-        async with _errors():
+        async with self._errors.translated():
             messages = await self._js.subscribe(
                 f"{self._prefix}.journal.{subject}",
                 stream=self._stream,
@@ -394,19 +395,19 @@ class NatsBus:
         return found
 
     async def purge(self, subject: str) -> None:
-        async with _errors():
+        async with self._errors.translated():
             await self._js.purge_stream(self._stream, subject=f"{self._prefix}.journal.{subject}")
 
     async def journals(self) -> list[str]:
         prefix = f"{self._prefix}.journal."
-        async with _errors():
+        async with self._errors.translated():
             found = await self._js.stream_info(self._stream, subjects_filter=f"{prefix}*")
         return [subject.removeprefix(prefix) for subject in found.state.subjects or ()]
 
     # Buckets
 
     async def get(self, bucket: Bucket, key: str) -> Entry | None:
-        async with _errors():
+        async with self._errors.translated():
             try:
                 entry = await self._buckets[bucket].get(key)
             except (KeyNotFoundError, KeyDeletedError):
@@ -414,19 +415,19 @@ class NatsBus:
             return Entry(entry.value or b"", entry.revision or 0)
 
     async def put(self, bucket: Bucket, key: str, value: bytes) -> int:
-        async with _errors():
+        async with self._errors.translated():
             return await self._buckets[bucket].put(key, value)
 
     async def create(self, bucket: Bucket, key: str, value: bytes) -> int:
-        async with _errors():
+        async with self._errors.translated():
             return await self._buckets[bucket].create(key, value)
 
     async def update(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int:
-        async with _errors():
+        async with self._errors.translated():
             return await self._buckets[bucket].update(key, value, revision)
 
     async def delete(self, bucket: Bucket, key: str) -> None:
-        async with _errors():
+        async with self._errors.translated():
             await self._buckets[bucket].delete(key)
 
     async def watch(self, bucket: Bucket, changed: Callable[[str, Entry | None], None]) -> None:
@@ -446,7 +447,7 @@ class NatsBus:
 
         # The library's `KeyValue.watch` notices only after ten seconds that the server with its
         # consumer has died.
-        async with _errors():
+        async with self._errors.translated():
             watching = await self._js.subscribe(
                 f"{prefix}>",
                 stream=f"KV_{self._prefix}_{bucket}",
@@ -471,12 +472,12 @@ class NatsBus:
     # Files and requests
 
     async def store(self, name: str, content: bytes) -> None:
-        async with _errors():
+        async with self._errors.translated():
             files = await self._js.object_store(self._recordings)
             await files.put(name, content)
 
     async def request(self, subject: str, data: bytes, seconds: float) -> bytes:
-        async with _errors():
+        async with self._errors.translated():
             answer = await self._nats.request(f"{self._prefix}.{subject}", data, timeout=seconds)
             return answer.data
 
@@ -494,7 +495,7 @@ class NatsBus:
             # Requests of different episodes must not wait for each other.
             self._start(serve(request))
 
-        async with _errors():
+        async with self._errors.translated():
             await self._nats.subscribe(f"{self._prefix}.{subject}.*", cb=begin)
 
     def publish(self, subject: str, data: bytes) -> None:
@@ -510,7 +511,7 @@ class NatsBus:
         async def pass_on(message: Msg) -> None:
             received(message.data)
 
-        async with _errors():
+        async with self._errors.translated():
             subscription = await self._nats.subscribe(f"{self._prefix}.{subject}", cb=pass_on)
 
         async def end() -> None:
@@ -525,10 +526,10 @@ async def _end_watch(watching: JetStreamContext.PushSubscription) -> None:
         await watching.unsubscribe()
 
 
-def _acknowledged(answer: Msg) -> int | BusError:
+def _acknowledged(answer: Msg, errors: NatsErrors) -> int | BusError:
     """Return the sequence number in an answer to an append, or the error."""
     if answer.headers and answer.headers.get("Status") == "503":
-        return UnavailableError("NATS has no JetStream or no quorum")
+        return errors.unavailable("NATS has no JetStream or no quorum")
     try:
         content = json.loads(answer.data)
     except ValueError:
@@ -536,10 +537,10 @@ def _acknowledged(answer: Msg) -> int | BusError:
     error = content.get("error")
     if error is None:
         return int(content["seq"])
-    text = str(error.get("description", error))
-    if error.get("err_code") in WRONG_SEQUENCE:
+    code, text = error.get("err_code"), str(error.get("description", error))
+    if code in WRONG_SEQUENCE:
         return ConflictError(text)
-    return UnavailableError(f"NATS: {text}")
+    return errors.refused(code, text)
 
 
 def _stored(sequence: int, headers: dict[str, str] | None, data: bytes) -> Stored:
@@ -549,20 +550,6 @@ def _stored(sequence: int, headers: dict[str, str] | None, data: bytes) -> Store
     # not that of its owner.
     cut = int(keep) if re.fullmatch("[0-9]{1,15}", keep) else None
     return Stored(sequence, headers.get(MESSAGE_ID, ""), data, cut)
-
-
-@asynccontextmanager
-async def _errors() -> AsyncIterator[None]:
-    """Turn errors of the library into `BusError`."""
-    try:
-        yield
-    except KeyWrongLastSequenceError as error:
-        raise ConflictError(str(error)) from None
-    except NoRespondersError:
-        raise NoAnswererError("NATS has no JetStream, or no node answers") from None
-    except (NatsError, OSError, TimeoutError) as error:
-        text = str(error) or type(error).__name__
-        raise UnavailableError(f"NATS: {text}") from None
 
 
 class _InUseError(Exception):
@@ -584,19 +571,6 @@ async def _or_in_use(create: Callable[[], Awaitable[Any]]) -> Any:
         if error.err_code == IN_USE:
             raise _InUseError from None
         raise
-
-
-@asynccontextmanager
-async def _create_errors() -> AsyncIterator[None]:
-    try:
-        yield
-    except (NatsError, OSError, TimeoutError) as error:
-        text = str(error) or type(error).__name__
-        hint = "" if text.startswith("nats:") else "nats: "
-        raise RobotouilleError(
-            f"--cluster: JetStream is not ready ({hint}{text}); with several NATS servers it needs "
-            f"{REPLICAS} of them and a leader"
-        ) from None
 
 
 def _netloc(client: Client) -> str:

@@ -127,6 +127,7 @@ class ClusterNode:
         self._late_since = self._loop.time()
         self._reserved: set[str] = set()
         self._suspect = False
+        self._unrepaired = ""
         self.cut_off = False
 
     # For journals
@@ -350,7 +351,11 @@ class ClusterNode:
                 if record.node == self.name:
                     await self.directory.replace(record)
         except RobotouilleError as error:
-            get_logger().error("the cluster's buckets cannot be used", error=str(error))
+            if self._unrepaired != (unrepaired := str(error)):
+                get_logger().error("the cluster's buckets cannot be used", error=unrepaired)
+            self._unrepaired = unrepaired
+        else:
+            self._unrepaired = ""
 
     async def _notice_if_cut_off(self) -> None:
         """Send the participants away if other nodes still have a quorum.
