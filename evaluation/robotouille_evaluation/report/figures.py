@@ -32,6 +32,7 @@ from robotouille_evaluation.report.grouping import (
     RowGroups,
     datasets,
     interval,
+    largest,
     may_be_react,
     named,
     part_played,
@@ -47,6 +48,8 @@ T = TypeVar("T")
 
 MAX_PANELS, MAX_BARS = 12, 40
 """Players with a panel or with bars. If there are more, those with the most episodes are drawn."""
+MAX_SETS = 8
+"""Data sets that a figure draws for a player: those with the most episodes."""
 CATEGORY_COLOURS = {
     "state": COLOURS[0],
     "action": COLOURS[3],
@@ -92,26 +95,27 @@ class PlayerBars(NamedTuple):
 
 def success_bars(rows: Sequence[ResultRow]) -> ReportFigure | None:
     """Draw success by data set, a group of bars for each player. Published bars are hollow."""
-    sets = list(datasets(rows))
-    if not sets:
+    all_sets = datasets(rows)
+    if not all_sets:
         return None
-    groups = named(rows)
-    shown = _largest(groups, MAX_BARS)
+    sets = list(largest(all_sets, MAX_SETS))
+    groups = {
+        name: own
+        for name, group in named(rows).items()
+        if (own := [row for row in group if row.dataset in sets])
+    }
+    shown = largest(groups, MAX_BARS)
     bars = [*_own_bars(shown), *_published_bars(sets)]
     height = 1.1 + 0.19 * sum(each.height + 0.7 for each in bars)
     caption = (
         "Success by data set in per cent, with 95 % intervals. Hollow bars are published numbers "
         f"({published.SOURCE}).{_left_out(groups, shown)}"
     )
+    if left := len(all_sets) - len(sets):
+        caption += f" {left} more data sets are left out."
     return draw_figure(
         "success", caption, (7.2, height), lambda figure: _bars(figure.add_subplot(), bars, sets)
     )
-
-
-def _largest(groups: Mapping[str, list[T]], number: int) -> dict[str, list[T]]:
-    """Return the groups with the most entries, in their original order."""
-    chosen = set(sorted(groups, key=lambda name: -len(groups[name]))[:number])
-    return {name: group for name, group in groups.items() if name in chosen}
 
 
 def _left_out(groups: Sized, shown: Sized) -> str:
@@ -196,7 +200,7 @@ def _panels(
     panels: Mapping[str, list[T]],
     draw: Callable[[Axes, list[T]], None],
 ) -> ReportFigure | None:
-    shown = _largest(panels, MAX_PANELS)
+    shown = largest(panels, MAX_PANELS)
     if not shown:
         return None
     labels = distinct_labels(shown)
@@ -276,7 +280,7 @@ def _histogram(
     theirs: Mapping[str, Mapping[str, float]],
 ) -> None:
     """Draw the share of each bin, with a bar for each data set and lines for published shares."""
-    sets = datasets(group)
+    sets = largest(datasets(group), MAX_SETS)
     width = 0.8 / len(sets)
     for i, (dataset, episodes) in enumerate(sets.items()):
         counts = Counter(found for row in episodes if (found := bin_of(row)) is not None)
@@ -307,7 +311,7 @@ def repeated_transitions(rows: Sequence[ResultRow], reference: Reference) -> Rep
         values: list[list[float]] = []
         faces: list[str] = []
         edges: list[str] = []
-        for dataset, episodes in datasets(group).items():
+        for dataset, episodes in largest(datasets(group), MAX_SETS).items():
             colour = _set_colour(dataset)
             for result, won in (("won", True), ("lost", False)):
                 found: list[float] = [row.repetitions for row in episodes if succeeded(row) == won]

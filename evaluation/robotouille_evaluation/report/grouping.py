@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TypeVar
 
 from robotouille.html_report.intervals import Interval
 from robotouille_evaluation.metrics.outcomes import score_share
@@ -13,6 +14,8 @@ from robotouille_evaluation.report import published
 
 OTHER_AGENTS = frozenset({"io", "plag", "reflexion", "planner", "random", "scripted"})
 """First words of built-in agents and published experiments other than ReAct, in lower case."""
+
+T = TypeVar("T")
 
 RowGroups = dict[str, list[ResultRow]]
 
@@ -91,6 +94,12 @@ def datasets(rows: Iterable[ResultRow]) -> RowGroups:
 
     groups = by(rows, lambda row: row.dataset)
     return {name: groups[name] for name in sorted(groups, key=place)}
+
+
+def largest(groups: Mapping[str, list[T]], number: int) -> dict[str, list[T]]:
+    """Return the groups with the most entries, in their original order."""
+    chosen = set(sorted(groups, key=lambda name: -len(groups[name]))[:number])
+    return {name: group for name, group in groups.items() if name in chosen}
 
 
 def tasks(rows: Iterable[ResultRow]) -> RowGroups:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
 from io import StringIO
 from statistics import fmean
 
@@ -25,10 +25,12 @@ from robotouille_evaluation.report.bins import (
 )
 from robotouille_evaluation.report.grouping import (
     SETTINGS_OF_VARIANTS,
+    RowGroups,
     by,
     datasets,
     interval,
     is_ablation,
+    largest,
     named,
     part_played,
     score_interval,
@@ -44,6 +46,9 @@ WORDS = frozenset(
 )
 MAX_COMPARED = 30
 """Players compared in pairs. The table has a row for each pair, so it grows quadratically."""
+MAX_COLUMNS = 40
+"""Data sets or players with a column. More columns are unreadable, and the cells would grow as the
+product of both numbers."""
 
 
 def all_tables(rows: Sequence[ResultRow], reference: Reference = Reference()) -> list[Table]:
@@ -133,7 +138,8 @@ def _by_player_and_set(
 
 def success_by_dataset(rows: Sequence[ResultRow]) -> Table:
     """Return success by data set (paper, table "successes")."""
-    sets = list(datasets(rows))
+    all_sets = datasets(rows)
+    sets = list(largest(all_sets, MAX_COLUMNS))
     lines = []
     for name, group in named(rows).items():
         own = datasets(group)
@@ -148,8 +154,14 @@ def success_by_dataset(rows: Sequence[ResultRow]) -> Table:
         "Share of episodes that reached the goal within their step budget, with 95 % bootstrap "
         "intervals over instances. Each published number is from 100 episodes. Do not compare a "
         "part of a data set with the whole: its tasks differ in difficulty."
+        + _left_out("data sets", all_sets, sets)
     )
     return _table("success", "Success by data set", ("player", *sets, "episodes"), lines, note)
+
+
+def _left_out(what: str, groups: Sized, shown: Sized) -> str:
+    left = len(groups) - len(shown)
+    return f" {left} more {what}, those with the fewest episodes, are left out." if left else ""
 
 
 def _success(rows: Iterable[ResultRow]) -> str:
@@ -163,20 +175,16 @@ def _success_and_part(dataset: str, rows: Sequence[ResultRow]) -> str:
 
 def success_by_task(rows: Sequence[ResultRow]) -> Iterator[Table]:
     """Yield a table of success by task for each data set (paper, table "tasks-results")."""
+    groups: dict[str, RowGroups] = {}
+    for name, dataset, own in _by_player_and_set(rows):
+        groups.setdefault(dataset, {})[name] = own
     for dataset, group in datasets(rows).items():
-        players = {
-            name: own
-            for name, own in named(rows).items()
-            if any(row.dataset == dataset for row in own)
-        }
+        players = largest(groups[dataset], MAX_COLUMNS)
         theirs = published.SUCCESS_BY_TASK.get(dataset, {})
         lines = []
+        by_task = [by(own, lambda row: row.task) for own in players.values()]
         for task, episodes in tasks(group).items():
-            chosen = set(map(id, episodes))
-            cells = [
-                percent(interval([r for r in own if id(r) in chosen], outcomes.succeeded))
-                for own in players.values()
-            ]
+            cells = [percent(interval(own.get(task, ()), outcomes.succeeded)) for own in by_task]
             optimum = _number(_mean(row.optimum.steps for row in episodes))
             number = task_number(task)
             known = number is not None and 1 <= number <= 10
@@ -186,6 +194,7 @@ def success_by_task(rows: Sequence[ResultRow]) -> Iterator[Table]:
         columns = ("task", "optimum", *players, *(f"gpt-4o, {s} (published)" for s in theirs))
         title = f"Success by task: {dataset.replace('_', '-')}"
         note = "Optimum: mean length of the shortest plans of the instances played."
+        note += _left_out("players", groups[dataset], players)
         yield _table(f"success_{dataset}", title, columns, lines, note)
 
 
@@ -216,19 +225,18 @@ def scores(rows: Sequence[ResultRow]) -> Table:
 
 def scores_by_task(rows: Sequence[ResultRow]) -> Table:
     """Return each player's share of the planner's points by shift and number of seats."""
-    players = named(rows)
+    groups = named(rows)
+    players = largest(groups, MAX_COLUMNS)
+    by_place = [by(own, lambda row: f"{row.seats} {row.task}") for own in players.values()]
     lines = []
     for task, group in tasks(rows).items():
         for seats, episodes in sorted(by(group, lambda row: str(row.seats)).items()):
-            chosen = set(map(id, episodes))
-            cells = [
-                percent(score_interval(r for r in own if id(r) in chosen))
-                for own in players.values()
-            ]
+            cells = [percent(score_interval(own.get(f"{seats} {task}", ()))) for own in by_place]
             points = _number(_mean(r.score.planner for r in episodes if r.score is not None), ".4g")
             lines.append(TableRow((task.rpartition("/")[2], seats, points, *cells)))
     columns = ("task", "seats", "planner's points", *players)
-    return _table("scores_by_task", "Score / planner by task", columns, lines)
+    note = _left_out("players", groups, players).strip()
+    return _table("scores_by_task", "Score / planner by task", columns, lines, note)
 
 
 # Quality of successes and failures
@@ -531,6 +539,5 @@ def comparisons(rows: Sequence[ResultRow]) -> Table:
         "McNemar's exact test on episodes with the same instance and seed, without correction for "
         "multiple comparisons."
     )
-    if left := len(results) - len(names):
-        note += f" {left} more players, those with the fewest episodes, are left out."
+    note += _left_out("players", results, names)
     return _table("comparisons", "Players compared in pairs", columns, lines, note)
