@@ -10,11 +10,21 @@ from pathlib import Path
 
 import pytest
 
-from tests.programs.drill.drill import Plan, run_drill
+from tests.programs.drill.drill import Plan, missing_kills, run_drill
 from tests.programs.drill.report import table, write_json
+from tests.programs.drill.verdict import Verdict
 
 SMALL = Plan(kills=2, games=3, processes=1, seed=7, steps=(15, 25), patience=150.0)
 LARGER = Plan(kills=5, games=6, processes=2, seed=7, steps=(15, 40), patience=150.0)
+
+
+def test_kills_that_all_came_outside_of_play_prove_nothing() -> None:
+    plan = Plan(kills=3, games=1, windows=0, pages=1)
+    verdict = Verdict()
+    verdict.restarted.update({"bots running": 1, "pages countdown": 20, "pages waiting": 4})
+    assert missing_kills(plan, verdict) == ["no restart of the server fell into play of pages"]
+    verdict.restarted["pages running"] += 1
+    assert missing_kills(plan, verdict) == []
 
 
 @pytest.mark.process
@@ -34,6 +44,7 @@ def test_episodes_survive_kills(tmp_path: Path, plan: Plan) -> None:
     assert result.verdict.verified >= result.verdict.games
     assert set(result.verdict.outcomes) <= {"goal", "step_limit"}
     assert max(result.verdict.restarts) >= 2
+    assert result.verdict.restarted["bots running"] >= 1
     assert result.verdict.actions > 50
     assert result.verdict.chat > 0
 
@@ -52,6 +63,7 @@ def test_window_of_a_person_survives_kills(tmp_path: Path) -> None:
     assert result.ok, table(result)
     assert result.pictures >= 1
     assert result.clicks >= 1
+    assert result.verdict.restarted["windows running"] >= 1
     assert result.verdict.controllers["human"] >= 2
 
 
@@ -69,4 +81,6 @@ def test_pages_of_people_survive_kills_and_accidents(tmp_path: Path) -> None:
     assert result.ok, table(result)
     assert result.clicks >= 5
     assert result.accidents.total() >= 5
+    assert result.accidents["server killed running"] >= 1
+    assert result.verdict.restarted["pages running"] >= 1
     assert result.verdict.actions >= 5

@@ -47,13 +47,16 @@ class Wire:
 
 @pytest.fixture
 def told() -> list[str]:
-    """Return the reported events of the person's seat."""
+    """Return the reported events of the person's seat and phases of the game."""
     return []
 
 
 @pytest.fixture
 def witness(tmp_path: Path, told: list[str]) -> Iterator[PageWitness]:
-    witness = PageWitness("e", ADA, "Ada", tmp_path, told.append)
+    def said(event: str, *, phase: str = "") -> None:
+        told.append(phase or event)
+
+    witness = PageWitness("e", ADA, "Ada", tmp_path, said)
     yield witness
     witness.close()
 
@@ -120,7 +123,7 @@ def test_repeated_action_counts_once_and_its_answer_may_come_later(
 ) -> None:
     wire.act(1)
     wire.close()
-    assert told == ["back", "lost"]
+    assert told == ["back", "running", "lost"]
     again = Wire(witness)
     again.act(1)
     again.receive(snapshot(step=4, seq=1, last_seq=1, last_step=3))
@@ -152,6 +155,18 @@ def test_action_without_an_answer_is_noticed_only_while_the_server_can_answer(
     assert witness.unanswered_seconds == 7
     again.receive(messages.Roster(phase="paused", turn=None, seats=[]))
     assert witness.unanswered_seconds == 0
+
+
+def test_phases_are_reported_at_once(witness: PageWitness, told: list[str]) -> None:
+    assert witness.phase == "entering"
+    wire = Wire(witness)
+    wire.receive(snapshot(phase="waiting"))
+    seats: list[messages.SeatInfo] = []
+    wire.receive(messages.Roster(phase="waiting", turn=None, seats=seats, starts_in=3.0))
+    for phase in ("running", "running", "paused"):
+        wire.receive(messages.Roster(phase=phase, turn=None, seats=seats))
+    assert told == ["back", "waiting", "countdown", "running", "paused"]
+    assert witness.phase == "paused"
 
 
 def test_person_cannot_know_the_answer_that_a_closed_page_misses(

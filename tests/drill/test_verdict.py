@@ -6,6 +6,7 @@ import asyncio
 import json
 import shutil
 from collections.abc import Callable
+from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
 
@@ -27,12 +28,17 @@ def bot(_: State, player: str) -> RandomPolicy:
     return RandomPolicy(player, 1)
 
 
-async def play_with_witnesses(folder: Path) -> None:
-    """Let two bots play an episode and record the messages that they receive."""
+async def play_with_witnesses(folder: Path, *, restart_at: int | None = None) -> None:
+    """Let two bots play an episode and record the messages that they receive.
+
+    Another server continues the episode from the step `restart_at`.
+    """
     (folder / "told").mkdir()
     task = "multi_agent/01_lettuce_burger"
+    recordings = folder / "recordings"
     async with (
-        serving(folder / "recordings", task=task, max_steps=25) as server,
+        AsyncExitStack() as stack,
+        serving(recordings, task=task, max_steps=25) as server,
         connect(server.url, name=ADA) as one,
         connect(server.url, name=BOB) as other,
     ):
@@ -44,6 +50,11 @@ async def play_with_witnesses(folder: Path) -> None:
         async with asyncio.TaskGroup() as group:
             for witness in witnesses:
                 group.create_task(play(witness.game, bot, threaded=False))
+            if restart_at is not None:
+                while game.step < restart_at:
+                    await asyncio.sleep(0)
+                await server.stop("restart", hand_over=True)
+                await stack.enter_async_context(serving(recordings, port=server.port, seed=2))
         for witness in witnesses:
             await witness.close()
 
@@ -114,6 +125,13 @@ def test_difference_is_found(
     assert len(found) == 1
     assert fault in found[0]
     assert ADA in found[0]
+
+
+def test_restart_during_play_is_counted(tmp_path: Path) -> None:
+    run(play_with_witnesses(tmp_path, restart_at=10))
+    verdict = judge(tmp_path / "recordings", tmp_path / "told")
+    assert verdict.faults == []
+    assert verdict.restarted == {"bots running": 1}
 
 
 def test_client_that_missed_the_end_is_found(folder: Path) -> None:

@@ -42,6 +42,7 @@ def main() -> int:
     plan = replace(
         Plan(), kills=options.kills, games=options.games, windows=options.windows,
         pages=options.pages, processes=options.processes, seed=seed,
+        all_accidents=options.pages > 0,
     )  # fmt: skip
     folder = options.folder or Path(tempfile.mkdtemp(prefix="robotouille-drill-"))
     begun = time.monotonic()

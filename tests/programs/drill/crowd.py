@@ -10,10 +10,12 @@ import signal
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Set
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from tests.programs.drill.accidents import ENTERING, KILLED
 
 __all__ = ["Crowd", "Late", "Outage"]
 
@@ -94,7 +96,9 @@ class Crowd:
         self.pictures = 0
         self.clicks = 0
         self.accidents: Counter[str] = Counter()
+        self._people = 0
         self._phases: dict[str, str] = {}
+        self._pages: set[str] = set()
         self.turn_of_events = asyncio.Event()
         self._lost_at: dict[str, float] = {}
         self._arguments = ["--url", url, "--folder", str(folder), "--seed", str(seed)]
@@ -106,6 +110,7 @@ class Crowd:
 
     async def start(self, slots: int, processes: int, windows: int, pages: int = 0) -> None:
         """Start episodes in all slots, divided among processes, and start windows and pages."""
+        self._people = windows + pages
         for number in range(min(processes, slots)):
             await self._begin("tests.programs.drill.players", range(number, slots, processes))
         for number in range(windows):
@@ -140,6 +145,35 @@ class Crowd:
         deadline = time.monotonic() + seconds
         while len(self.present) < share * len(self.playing) and time.monotonic() < deadline:
             await asyncio.sleep(LOOK_SECONDS)
+
+    async def people_play(self, seconds: float) -> None:
+        """Wait until the games of all people are running, or until the time is up."""
+        deadline = time.monotonic() + seconds
+        while self._playing_people() < self._people and time.monotonic() < deadline:
+            await asyncio.sleep(LOOK_SECONDS)
+
+    def _playing_people(self) -> int:
+        return sum(self._phases.get(who) == "running" for who in self.present)
+
+    def _phases_of_pages(self) -> Iterator[str]:
+        """Yield the phase of each page that the server knows or that enters."""
+        for who in self._pages:
+            phase = self._phases[who]
+            if who in self.present or phase == ENTERING:
+                yield phase
+
+    async def page_is(self, phase: str, seconds: float) -> None:
+        """Wait until the game of a page is in a phase, or until the time is up."""
+        deadline = time.monotonic() + seconds
+        while phase not in self._phases_of_pages() and time.monotonic() < deadline:
+            await asyncio.sleep(LOOK_SECONDS)
+
+    async def have_accidents(self, wanted: Set[str], seconds: float) -> set[str]:
+        """Wait until all these accidents have happened; return those that have not."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                await self._until(lambda: wanted <= self.accidents.keys())
+        return wanted - self.accidents.keys()
 
     def finish(self) -> None:
         """Start no more episodes."""
@@ -199,7 +233,7 @@ class Crowd:
         if self.outages and self.outages[-1].missing:
             self.outages[-1].interrupted = True
         self.outages.append(Outage(at, set(self.playing)))
-        self.accidents.update(f"server killed {phase}" for phase in self._phases.values())
+        self.accidents.update(f"{KILLED} {phase}" for phase in self._phases_of_pages())
 
     async def _read(self, process: asyncio.subprocess.Process) -> None:
         assert process.stdout is not None
@@ -236,8 +270,11 @@ class Crowd:
                 self.faults.append(f"{who}: {row['error']}")
             case "accident":
                 self.accidents[f"{row['how']} {row['phase']}"] += 1
+                self.turn_of_events.set()
             case "phase":
                 self._phases[who] = row["phase"]
+                if row.get("page"):
+                    self._pages.add(who)
                 self.turn_of_events.set()
             case "pictured":
                 self.pictures += 1
@@ -263,6 +300,7 @@ class Crowd:
         self.playing.discard(who)
         self.episodes.pop(who, None)
         self._phases.pop(who, None)
+        self._pages.discard(who)
         self.present.discard(who)
         if self.outages:
             self.outages[-1].missing.discard(who)

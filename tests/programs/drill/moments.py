@@ -44,7 +44,7 @@ DELAYS = {
 
 def draw_kills(seed: int, count: int) -> list[Kill]:
     """Draw `count` SIGKILLs from a seed, and a few SIGTERMs without time to drain, which make up
-    less than a tenth of all kills. The last kill is a SIGKILL.
+    less than a tenth of all kills. The last kill is a SIGKILL. The first comes during play.
     """
     chance = random.Random(f"kills {seed}")
     kills: list[Kill] = []
@@ -52,7 +52,8 @@ def draw_kills(seed: int, count: int) -> list[Kill]:
     while hard < count:
         (when,) = chance.choices(list(WEIGHTS), list(WEIGHTS.values()))
         last = kills[-MAX_IN_ROW:]
-        if when is When.STARTING and sum(k.when is When.STARTING for k in last) == MAX_IN_ROW:
+        enough = sum(k.when is When.STARTING for k in last) == MAX_IN_ROW
+        if not kills or (when is When.STARTING and enough):
             when = When.PLAYING
         term = when is not When.STARTING and chance.random() < 0.1
         number = signal.SIGTERM if term else signal.SIGKILL

@@ -10,6 +10,7 @@ from typing import Any
 
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON
+from tests.programs.drill.accidents import ENTERING
 from tests.programs.drill.witness import rows_of
 
 __all__ = ["PageWitness"]
@@ -22,18 +23,19 @@ class PageWitness:
     An action whose page was closed before the answer came has no row: its person cannot know.
 
     Args:
-        said: Receives `back` and `lost` when the person's seat has a connection and loses it.
+        said: Receives `back` and `lost` when the person's seat has a connection and loses it, and
+            `phase` with each new phase.
 
     Attributes:
-        phase: The phase of the episode, or `countdown`; empty until the first roster.
+        phase: The phase of the episode as the person knows it; see `accidents.PHASES`.
         sent: Number of different actions that the pages have sent.
     """
 
     def __init__(
-        self, episode: str, seat: str, name: str, folder: Path, said: Callable[[str], None]
+        self, episode: str, seat: str, name: str, folder: Path, said: Callable[..., None]
     ) -> None:
         self.episode = episode
-        self.phase = ""
+        self.phase = ENTERING
         self.here = False
         self.outcome: dict[str, Any] = {}
         self.faults: list[str] = []
@@ -130,7 +132,7 @@ class PageWitness:
                 self._roster(message)
             case messages.Ended():
                 self.outcome = dict(message.outcome)
-                self.phase = "ended"
+                self._enter("ended")
                 self.forget()
 
     def _joins(self) -> None:
@@ -148,7 +150,7 @@ class PageWitness:
         self._roster(message)
         if message.outcome is not None:
             self.outcome = dict(message.outcome)
-            self.phase = "ended"
+            self._enter("ended")
         if message.last_seq in self._open:
             applied = not message.last_reasons
             self._answer(message.last_seq, applied, message.last_step, "")
@@ -171,9 +173,12 @@ class PageWitness:
 
     def _roster(self, message: messages.Roster | messages.Snapshot) -> None:
         counts_down = message.phase == "waiting" and message.starts_in is not None
-        phase = "countdown" if counts_down else str(message.phase)
+        self._enter("countdown" if counts_down else str(message.phase))
+
+    def _enter(self, phase: str) -> None:
         if phase != self.phase:
             self.phase = phase
+            self._said("phase", phase=phase)
             self._go_on()
 
     def _answer(self, seq: int, applied: bool, step: int, code: str) -> None:

@@ -14,7 +14,6 @@ import shutil
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from enum import StrEnum
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -25,16 +24,21 @@ from playwright.async_api import async_playwright
 from robotouille.errors import RobotouilleError
 from robotouille.protocol import messages
 from robotouille_client.bots.kinds import BotKind
+from tests.programs.drill.accidents import Accident, Fates
 from tests.programs.drill.games import GameSpec
 from tests.programs.drill.page_witness import PageWitness
 from tests.programs.drill.players import Participant, Stopping, options, reachable, retried, tell
 
 TASK = "multi_agent/01_lettuce_burger"
 PERSON, PARTNER = "robot1", "robot2"
+CLOCKS = ("realtime", "lockstep", "realtime", "turn")
+"""Clocks of consecutive games. Only games in real time have a countdown."""
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = ["--no-sandbox", "--headless", "--disable-gpu", "--disable-quic", "--no-first-run"]
 SIZES = ({"width": 1280, "height": 720}, {"width": 390, "height": 844})
 GLANCE_SECONDS = 0.15
+DELAYS = (0.0, 0.3, 0.8)
+"""Seconds between the beginning of a phase and its accident."""
 CHAT_EVERY = 12
 """Choices between two chat messages of the person."""
 ANSWER_SECONDS = 30.0
@@ -68,27 +72,6 @@ SAY = """(text) => {
 }"""
 LATER = "((real) => { Date.now = () => real() + 600_000; })(Date.now)"
 """Sets the clock on by ten minutes, as after a laptop's sleep."""
-
-
-class Accident(StrEnum):
-    """Event that a page has to survive."""
-
-    RELOADED = "reloaded"
-    CLOSED = "closed"
-    ASLEEP = "asleep"
-    OFFLINE = "offline"
-    MOVED = "moved"
-
-
-PHASES = ("", "waiting", "countdown", "running", "paused", "ended")
-"""Phases of an episode as the person knows them; empty before the page has joined."""
-
-
-def accidents(seed: int, game: int) -> dict[str, Accident]:
-    """Return the accident of each phase. Five games have all accidents in all phases."""
-    kinds = list(Accident)
-    random.Random(seed).shuffle(kinds)
-    return {phase: kinds[(game + number) % len(kinds)] for number, phase in enumerate(PHASES)}
 
 
 class Devices:
@@ -177,30 +160,28 @@ class Visitor:
         self, name: str, devices: Devices, witness: PageWitness, chance: random.Random
     ) -> None:
         self._name, self._devices, self._witness, self._chance = name, devices, witness, chance
-        self._phase = ""
+        self._phase = witness.phase
         self._idle_since = time.monotonic()
         self.clicks = 0
 
-    async def play(self, fates: dict[str, Accident]) -> None:
+    async def play(self, fates: Fates) -> None:
         """Play until the page shows the end, with the given accidents."""
         while True:
-            await self._note_phase()
-            accident = fates.pop(self._phase, None)
-            if accident is not None:
-                await asyncio.sleep(self._chance.uniform(0.0, 0.8))
-                tell("accident", who=self._name, phase=self._phase or "entering", how=accident)
+            self._phase = self._witness.phase
+            if fates.wait(self._phase):
+                await asyncio.sleep(self._chance.choice(DELAYS))
+                # Some pauses are short.
+                if self._witness.phase != self._phase:
+                    continue
+                accident = fates.take(self._phase)
+                tell("accident", who=self._name, phase=self._phase, how=accident)
                 await self._devices.suffer(accident, self._chance.uniform(0.5, 4.0))
             seen = await self._devices.page.evaluate(GLANCE)
-            if self._phase == "ended" and not fates.get("ended") and self._shows_end(seen):
+            if self._phase == "ended" and self._shows_end(seen):
                 return
             await self._react(seen)
             self._check(seen)
             await asyncio.sleep(GLANCE_SECONDS)
-
-    async def _note_phase(self) -> None:
-        if self._witness.phase != self._phase:
-            self._phase = self._witness.phase
-            tell("phase", who=self._name, phase=self._phase)
 
     def _shows_end(self, seen: dict[str, Any]) -> bool:
         """Return whether the end card is shown, or why a new page cannot show it any more."""
@@ -241,6 +222,7 @@ class Table:
         self._steps = (given.min_steps, given.max_steps)
         self._folder = Path(given.folder)
         self._browser = browser
+        self._fates = Fates(self._seed, self._number)
 
     async def run(self, stopping: Stopping) -> None:
         games = 0
@@ -255,7 +237,7 @@ class Table:
 
     def _spec(self, game: int, chance: random.Random) -> GameSpec:
         return GameSpec(
-            task=TASK, seats=2, clock=("realtime", "lockstep", "turn")[game % 3], step_rate=5.0,
+            task=TASK, seats=2, clock=CLOCKS[game % len(CLOCKS)], step_rate=5.0,
             max_steps=chance.randint(*self._steps), absence=("pause", "wait", "bot")[game % 3],
             substitute="planner", bots=(BotKind.RANDOM, BotKind.RANDOM), think=0.1,
             # The partner's lost connections pause games for absence.
@@ -270,28 +252,26 @@ class Table:
         tell("opened", who=name, seats=2)
         async with asyncio.TaskGroup() as group:
             group.create_task(partner.play(created.code, PARTNER))
-            # Several people begin with different accidents.
-            fates = accidents(self._seed, game + self._number)
-            await self._visit(f"{name}person", created, fates, chance)
+            await self._visit(f"{name}person", created, chance)
 
     async def _open(self, name: str, spec: GameSpec) -> messages.Created:
         async with reachable(self._url, name) as client:
             return await retried(lambda: client.create(spec.task, tokens=True, **spec.options))
 
-    async def _visit(
-        self, name: str, created: messages.Created, fates: dict[str, Accident],
-        chance: random.Random,
-    ) -> None:  # fmt: skip
+    async def _visit(self, name: str, created: messages.Created, chance: random.Random) -> None:
         url = f"http://{urlsplit(self._url).netloc}/play#{created.links[PERSON]}"
         witness = PageWitness(
-            created.episode, PERSON, name, self._folder, lambda event: tell(event, who=name)
-        )
+            created.episode, PERSON, name, self._folder,
+            lambda event, **facts: tell(event, who=name, page=True, **facts),
+        )  # fmt: skip
         devices = Devices(self._browser, url, witness)
         visitor = Visitor(name, devices, witness, chance)
         tell("joined", who=name, episode=created.episode)
+        tell("phase", who=name, page=True, phase=witness.phase)
         try:
             await devices.open()
-            await visitor.play(fates)
+            self._fates.begin()
+            await visitor.play(self._fates)
         finally:
             await devices.close()
             witness.close()

@@ -2,8 +2,7 @@
 
 Like `players`, the process plays one episode after another and reports the same events. A
 spectator's connection, the eye, shows what the person does. The process reports `pictured` when the
-window shows the episode again after an outage, and `acted` when the person's next action has taken
-effect.
+window shows the episode again after an outage, and `phase` when the eye sees a new phase.
 """
 
 from __future__ import annotations
@@ -105,6 +104,7 @@ class Table:
         self._painter = Painter()
         self._chance = random.Random(f"{self._seed}:{self._number}")
         self._here = False
+        self._phase = ""
         self._shown = True
         self._since = 0.0
         self._up_to_date = True
@@ -185,7 +185,7 @@ class Table:
         game = eye.game
         assert game is not None
         tell("joined", who=who, episode=game.episode)
-        self._here, self._shown = False, True
+        self._here, self._shown, self._phase = False, True, ""
         hands = Hands(game, window, self._chance)
         watch = asyncio.create_task(self._watch(eye, window, who))
         try:
@@ -210,9 +210,16 @@ class Table:
                 self._here = here
                 tell("back" if here else "lost", who=who)
                 self._shown, self._since = not here, time.monotonic()
+            self._note_phase(eye, who)
             if here and not self._shown:
                 await self._look(eye, window, who)
             await asyncio.sleep(0.05)
+
+    def _note_phase(self, eye: Client, who: str) -> None:
+        assert eye.game is not None
+        if eye.game.phase != self._phase:
+            self._phase = eye.game.phase
+            tell("phase", who=who, phase=self._phase)
 
     async def _look(self, eye: Client, window: Window, who: str) -> None:
         game = eye.game

@@ -44,6 +44,7 @@ def verdict_rows(verdict: Verdict) -> list[tuple[str, str]]:
     return [
         ("games", f"{verdict.games} ({counts(verdict.outcomes)})"),
         ("restarts in a game", f"at most {max(verdict.restarts, default=0)}"),
+        ("games when restarted", counts(verdict.restarted)),
         ("other recordings", f"{verdict.others}"),
         ("recordings verified", f"{verdict.verified}"),
         ("steps recorded", f"{verdict.steps}"),

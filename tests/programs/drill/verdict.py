@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,8 @@ class Verdict:
     `unheard` counts chat messages sent into a connection that was just lost. `unaware` counts
     spectators who returned after the end. The server guarantees nothing in either case.
     `lost` contains the players whose actions were refused because they had lost their seat.
+    `restarted` counts the restarts of games by their players and their phase, for example
+    `pages running`.
     """
 
     games: int = 0
@@ -46,6 +48,7 @@ class Verdict:
     outcomes: Counter[str] = field(default_factory=Counter)
     controllers: Counter[str] = field(default_factory=Counter)
     restarts: Counter[int] = field(default_factory=Counter)
+    restarted: Counter[str] = field(default_factory=Counter)
     faults: list[str] = field(default_factory=list)
 
 
@@ -100,7 +103,8 @@ def _judge_game(verdict: Verdict, path: Path, told: list[Path]) -> None:
     record = _Record(recording)
     verdict.outcomes[record.outcome["reason"]] += 1
     verdict.controllers.update(record.controllers)
-    verdict.restarts[record.restarts] += 1
+    verdict.restarts[len(record.restarts)] += 1
+    verdict.restarted.update(f"{record.company} {phase}" for phase in record.restarts)
     if record.outcome["reason"] not in FINISHED and not UNBEGUN.items() <= record.outcome.items():
         verdict.faults.append(f"{path.name}: ended with {record.outcome}")
     verdict.faults += [f"{path.name}: {fault}" for fault in record.doubles()]
@@ -124,7 +128,8 @@ class _Record:
         }
         notes = list(recording.notes())
         self.said = [note for note in notes if note["note"] == "said"]
-        self.restarts = sum(note["note"] == "restarted" for note in notes)
+        self.restarts = list(_phases_at_restarts(notes))
+        self.company = _company(notes)
         self.controllers = Counter(
             note["controller"] or "free" for note in notes if note["note"] == "roster"
         )
@@ -155,6 +160,31 @@ class _Record:
         for text, count in texts.items():
             if count > 1:
                 yield f"{text!r} is in the recording {count} times"
+
+
+def _phases_at_restarts(notes: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield the phase of a game at each restart of the server."""
+    phase = "waiting"
+    for note in notes:
+        match note["note"]:
+            case "countdown":
+                phase = "countdown" if "ms" in note else "waiting"
+            case "started" | "resumed":
+                phase = "running"
+            case "paused":
+                phase = "paused"
+            case "restarted":
+                yield phase
+                # The server counts down again.
+                phase = "waiting" if phase == "countdown" else phase
+
+
+def _company(notes: list[dict[str, Any]]) -> str:
+    """Return who plays a game: people with `pages` or `windows`, or `bots` only."""
+    people = [note for note in notes if note["note"] == "roster" and note["kind"] == "human"]
+    if any(note.get("agent") == "browser" for note in people):
+        return "pages"
+    return "windows" if people else "bots"
 
 
 class _Trial:
