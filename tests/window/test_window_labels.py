@@ -14,8 +14,8 @@ from tests.support.window_play import world_of
 from robotouille import World, load_task
 from robotouille.domain.task import Timing
 from robotouille.world.scene import scene
-from robotouille_client.window.drawing.cards import lobby_card
 from robotouille_client.window.drawing import painter as painting
+from robotouille_client.window.drawing.cards import lobby_card
 from robotouille_client.window.drawing.kitchen.spots import (
     Pose,
     extent,
