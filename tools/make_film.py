@@ -27,7 +27,7 @@ from robotouille.planning.solvers import AnytimePlanner
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import recording_of
 from robotouille_client.window.replay.film import film
-from robotouille_client.window.replay.recorded_history import RecordedHistory
+from robotouille_client.window.replay.histories.recorded_history import RecordedHistory
 
 FILM = Path(__file__).resolve().parents[1] / "docs" / "images" / "kitchen.gif"
 TASK, SEED = "shifts/06_rush_hour@3", 3

@@ -28,7 +28,7 @@ from robotouille.world.scene import scene
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import INK
-from robotouille_client.window.replay.recorded_history import RecordedHistory
+from robotouille_client.window.replay.histories.recorded_history import RecordedHistory
 from robotouille_client.window.video import FilmOptions, frames_of
 
 SHEET = Path(__file__).resolve().parents[1] / "docs" / "images" / "motion.png"

@@ -30,7 +30,7 @@ from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import read_recording
 from robotouille_client.window.drawing.window_layout import Strip
 from robotouille_client.window.options import DisplayOptions, WindowStyle
-from robotouille_client.window.replay.steps_to_go import StepsKnown
+from robotouille_client.window.replay.timeline.steps_to_go import StepsKnown
 from robotouille_client.window.replay.viewer import RecordingViewer
 from robotouille_client.window.window import Window
 

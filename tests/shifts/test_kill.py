@@ -15,7 +15,7 @@ from robotouille import State
 from robotouille.replay import read_recording
 from robotouille_client import connect
 from robotouille_client.bots import play
-from robotouille_client.window.replay.recorded_history import RecordedHistory
+from robotouille_client.window.replay.histories.recorded_history import RecordedHistory
 from tests.programs.drill.server import ServerProcess, free_port
 from tests.support.lost_connections import cut
 from tests.support.processes import program

@@ -11,7 +11,7 @@ import pygame
 from robotouille import GroundAction, State, World
 from robotouille.episode import Absence, ActionRequest, Clock, Episode, Event, PauseReason, Rules
 from robotouille.replay.recording import Recording
-from robotouille_client.window.replay.steps_to_go import StepsKnown
+from robotouille_client.window.replay.timeline.steps_to_go import StepsKnown
 from robotouille_client.window.replay.viewer import RecordingViewer
 from robotouille_client.window.replay.viewer_state import JobProgress
 from tests.support.games import record

@@ -30,7 +30,7 @@ from robotouille.web.recording_page import (
 from robotouille.web.site import STATIC, WebSite
 from robotouille_client.cli.main import app
 from robotouille_client.window.pictures.appearance import AppearanceResolver
-from robotouille_client.window.replay.recorded_history import RecordedHistory
+from robotouille_client.window.replay.histories.recorded_history import RecordedHistory
 from tests.support.games import recorded_game
 from tests.support.page_tags import Tags
 from tests.support.random_play import random_stream, talkative_stream

@@ -15,7 +15,7 @@ from robotouille.episode.rules import Clock
 from robotouille_client.window.app.local_game import GameSetup
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.widgets import Row
-from robotouille_client.window.replay.timeline_strip import TimelineStrip
+from robotouille_client.window.replay.timeline.timeline_strip import TimelineStrip
 
 Steps = Iterator[None]
 SHORT = GameSetup("synchronous/01", clock=Clock.TURN, max_steps=3)

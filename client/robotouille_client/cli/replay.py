@@ -68,7 +68,7 @@ class LookOptions:
 
     def open(self, file: Path) -> Recording:
         """Open a recording, damaged or not, and check its pictures."""
-        from robotouille_client.window.replay.recorded_history import open_shown
+        from robotouille_client.window.replay.histories.recorded_history import open_shown
 
         tasks = self.tasks
         if tasks is not None and not tasks.is_dir():
@@ -444,7 +444,7 @@ def video(
     try:
         require_pygame()
         from robotouille_client.window.replay.film import film
-        from robotouille_client.window.replay.recorded_history import RecordedHistory
+        from robotouille_client.window.replay.histories.recorded_history import RecordedHistory
 
         check_file(output, "OUTPUT")
         history = RecordedHistory(options.open(file))

@@ -23,8 +23,12 @@ from robotouille.replay.recording import Recording, read_recording
 from robotouille_client.cli.main import app
 from robotouille_client.window.replay.background import WORKERS, LineProcess
 from robotouille_client.window.replay.film import RecordingExport
-from robotouille_client.window.replay.recorded_history import RecordedHistory
-from robotouille_client.window.replay.steps_to_go import StepsCurve, StepsKnown, StepsSearch
+from robotouille_client.window.replay.histories.recorded_history import RecordedHistory
+from robotouille_client.window.replay.timeline.steps_to_go import (
+    StepsCurve,
+    StepsKnown,
+    StepsSearch,
+)
 from robotouille_client.window.replay.viewer import RecordingViewer
 from robotouille_client.window.replay.viewer_state import ViewerState
 from robotouille_client.window.replay.workers import main

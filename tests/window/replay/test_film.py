@@ -10,7 +10,7 @@ import pytest
 from robotouille.errors import RobotouilleError
 from robotouille.replay.recording import Recording
 from robotouille_client.window.replay.film import draft_of, filming
-from robotouille_client.window.replay.recorded_history import RecordedHistory
+from robotouille_client.window.replay.histories.recorded_history import RecordedHistory
 
 av = pytest.importorskip("av")
 

@@ -22,14 +22,14 @@ from robotouille.replay.controllers import seatings
 from robotouille.replay.recording import Recording
 from robotouille.replay.timeline import Interlude
 from robotouille.world.presentation.signals import Intent, Signal
-from robotouille_client.window.replay.history import (
+from robotouille_client.window.replay.histories.history import (
     MAX_NOTICE,
     EntryKind,
     History,
     bubbles_at,
     notices_at,
 )
-from robotouille_client.window.replay.recorded_history import RecordedHistory
+from robotouille_client.window.replay.histories.recorded_history import RecordedHistory
 from robotouille_client.window.replay.viewer import RecordingViewer, ReplaySource
 from robotouille_client.window.replay.viewer_state import Playhead, ViewerState
 

@@ -9,10 +9,15 @@ from tests.support.colours import colour_distance
 from robotouille.episode.tallies import Activity
 from robotouille.replay.recording import Recording
 from robotouille_client.window.pictures.theme import DICHROMACIES, Colour, contrast, simulated
-from robotouille_client.window.replay.history import MARKED, EntryKind
-from robotouille_client.window.replay.lanes import Lanes, Scale
-from robotouille_client.window.replay.legend import ACTIVITY_LOOKS, MARK_COLOURS, MARK_WORDS, TRACK
-from robotouille_client.window.replay.recorded_history import RecordedHistory
+from robotouille_client.window.replay.histories.history import MARKED, EntryKind
+from robotouille_client.window.replay.histories.recorded_history import RecordedHistory
+from robotouille_client.window.replay.timeline.lanes import Lanes, Scale
+from robotouille_client.window.replay.timeline.legend import (
+    ACTIVITY_LOOKS,
+    MARK_COLOURS,
+    MARK_WORDS,
+    TRACK,
+)
 
 ROWS, HEAD, WIDTH = 40, 20, 800
 

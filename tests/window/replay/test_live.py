@@ -20,12 +20,12 @@ from robotouille.protocol.message_parts import SeatInfo
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
 from robotouille_client.sansio.game_events import ActRejected, Announced, StateChanged
-from robotouille_client.window.replay import live_history as live
 from robotouille_client.window.replay import workers
-from robotouille_client.window.replay.history import EntryKind
-from robotouille_client.window.replay.live_history import LiveHistory
-from robotouille_client.window.replay.recorded_states import write_states
-from robotouille_client.window.replay.steps_to_go import StepsKnown
+from robotouille_client.window.replay.histories import live_history as live
+from robotouille_client.window.replay.histories.history import EntryKind
+from robotouille_client.window.replay.histories.live_history import LiveHistory
+from robotouille_client.window.replay.histories.recorded_states import write_states
+from robotouille_client.window.replay.timeline.steps_to_go import StepsKnown
 from robotouille_client.window.replay.viewer import HistoryViewer
 
 AREA = pygame.Rect(0, 300, 640, 60)

@@ -12,7 +12,7 @@ from tests.support.games import recorded_game
 from robotouille import load_task
 from robotouille.domain.rendering import rendering_of
 from robotouille.installation import data_folder
-from robotouille_client.window.replay.recorded_history import open_shown
+from robotouille_client.window.replay.histories.recorded_history import open_shown
 
 
 @pytest.fixture

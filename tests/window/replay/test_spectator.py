@@ -14,7 +14,7 @@ from tests.support.window_play import headless_window
 
 from robotouille.episode.tallies import Activity
 from robotouille_client import connect
-from robotouille_client.window.replay.history import EntryKind
+from robotouille_client.window.replay.histories.history import EntryKind
 from robotouille_client.window.replay.viewer import SpectatorSource
 from robotouille_client.window.window import Window
 from robotouille_server import Server

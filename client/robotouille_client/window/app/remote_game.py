@@ -35,7 +35,7 @@ from robotouille_client.console.kept_seat import (
 from robotouille_client.game import Game
 from robotouille_client.window.drawing.window_layout import Strip
 from robotouille_client.window.pictures.appearance import KitchenLook
-from robotouille_client.window.replay.live_history import LiveHistory
+from robotouille_client.window.replay.histories.live_history import LiveHistory
 from robotouille_client.window.replay.viewer import SpectatorSource
 from robotouille_client.window.sources.remote import RemoteSource
 from robotouille_client.window.view import GameSource, View

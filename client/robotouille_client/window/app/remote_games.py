@@ -33,7 +33,7 @@ from robotouille_client.window.app.user_interface import UserInterface
 from robotouille_client.window.forms.rows import MenuChoice
 from robotouille_client.window.pictures.appearance import KitchenLook
 from robotouille_client.window.preferences import Preferences
-from robotouille_client.window.replay.live_history import LiveHistory
+from robotouille_client.window.replay.histories.live_history import LiveHistory
 
 T = TypeVar("T")
 

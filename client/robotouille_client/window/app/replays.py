@@ -23,7 +23,7 @@ from robotouille_client.window.pictures.appearance import KitchenLook
 from robotouille_client.window.sources.texts import path_words
 
 if TYPE_CHECKING:
-    from robotouille_client.window.replay.history import History
+    from robotouille_client.window.replay.histories.history import History
 
 VIDEO_RATE = 5.0
 """Steps per second in a video."""
@@ -92,7 +92,7 @@ class Replays:
             RobotouilleError: The recording cannot be shown.
         """
         # Imported late, because the viewer would delay the start of the window.
-        from robotouille_client.window.replay.recorded_history import open_shown
+        from robotouille_client.window.replay.histories.recorded_history import open_shown
         from robotouille_client.window.replay.viewer import RecordingViewer, ReplayCards
 
         ui = self._ui
@@ -137,7 +137,10 @@ class Replays:
         Raises:
             RobotouilleError: The recording cannot be read, or the video cannot be written.
         """
-        from robotouille_client.window.replay.recorded_history import RecordedHistory, open_shown
+        from robotouille_client.window.replay.histories.recorded_history import (
+            RecordedHistory,
+            open_shown,
+        )
 
         recording = open_shown(path, self._tasks, damaged=True)
         history = RecordedHistory(recording, self._ui.words)

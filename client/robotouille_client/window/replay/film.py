@@ -15,7 +15,12 @@ from robotouille.world.world import State
 from robotouille_client.window import parse_size
 from robotouille_client.window.pictures.appearance import KitchenLook
 from robotouille_client.window.replay.background import WORKERS, LineProcess
-from robotouille_client.window.replay.history import NOTICE_SECONDS, History, bubbles_at, notices_at
+from robotouille_client.window.replay.histories.history import (
+    NOTICE_SECONDS,
+    History,
+    bubbles_at,
+    notices_at,
+)
 from robotouille_client.window.replay.viewer_state import JobProgress, ViewerState
 from robotouille_client.window.sources.texts import outcome_words
 from robotouille_client.window.video import VIDEOS, FilmOptions, frames_of, write_video

@@ -22,7 +22,7 @@ from robotouille_client.window.pictures.theme import (
     Colour,
     mixed,
 )
-from robotouille_client.window.replay.history import Entry, EntryKind, History
+from robotouille_client.window.replay.histories.history import Entry, EntryKind, History
 from robotouille_client.window.replay.readout import entry_words, name_of
 
 # Lines of one entry.

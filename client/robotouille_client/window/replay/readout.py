@@ -19,7 +19,7 @@ from robotouille_client.window.pictures.theme import (
     TRACK,
     mixed,
 )
-from robotouille_client.window.replay.history import Entry, EntryKind, History
+from robotouille_client.window.replay.histories.history import Entry, EntryKind, History
 from robotouille_client.window.replay.viewer_state import JobProgress, Playhead, ViewerState
 from robotouille_client.window.sources.texts import outcome_words, rate_words
 

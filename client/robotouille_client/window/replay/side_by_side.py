@@ -13,7 +13,7 @@ from robotouille_client.window.drawing.window_layout import Layout, UiOverlay
 from robotouille_client.window.pictures.appearance import SceneSprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import INK
-from robotouille_client.window.replay.timeline_strip import TimelineStrip
+from robotouille_client.window.replay.timeline.timeline_strip import TimelineStrip
 from robotouille_client.window.view import View
 
 _MOUSE = frozenset({pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP})

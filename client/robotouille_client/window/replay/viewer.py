@@ -29,19 +29,19 @@ from robotouille_client.window.pictures.appearance import KitchenLook
 from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.replay.background import Job, toggle
 from robotouille_client.window.replay.film import HistoryExport, RecordingExport
-from robotouille_client.window.replay.history import (
+from robotouille_client.window.replay.histories.history import (
     CHAT_LINES,
     NOTICE_SECONDS,
     History,
     bubbles_at,
     notices_at,
 )
-from robotouille_client.window.replay.live_history import LiveHistory
-from robotouille_client.window.replay.recorded_history import RecordedHistory
-from robotouille_client.window.replay.recorded_states import ENDING, write_states
+from robotouille_client.window.replay.histories.live_history import LiveHistory
+from robotouille_client.window.replay.histories.recorded_history import RecordedHistory
+from robotouille_client.window.replay.histories.recorded_states import ENDING, write_states
 from robotouille_client.window.replay.side_by_side import SideBySidePainter, SideBySideStrip
-from robotouille_client.window.replay.steps_to_go import StepsCurve, StepsSearch
-from robotouille_client.window.replay.timeline_strip import TimelineStrip
+from robotouille_client.window.replay.timeline.steps_to_go import StepsCurve, StepsSearch
+from robotouille_client.window.replay.timeline.timeline_strip import TimelineStrip
 from robotouille_client.window.replay.viewer_keys import ViewerActions, ViewerKeys
 from robotouille_client.window.replay.viewer_state import Playhead, ViewerState
 from robotouille_client.window.sources.remote import RemoteSource

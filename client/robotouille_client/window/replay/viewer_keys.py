@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import pygame
 
-from robotouille_client.window.replay.history import History, Mark
+from robotouille_client.window.replay.histories.history import History, Mark
 from robotouille_client.window.replay.viewer_state import Playhead, ViewerState
 
 # Seconds before a held key repeats, and between its repetitions.

@@ -28,7 +28,10 @@ def film(
     os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
     # Imported after the driver is set, and not at all by the search.
     from robotouille_client.window.replay.film import filming
-    from robotouille_client.window.replay.recorded_history import RecordedHistory, open_shown
+    from robotouille_client.window.replay.histories.recorded_history import (
+        RecordedHistory,
+        open_shown,
+    )
 
     span = int(first), int(last)
     recording = open_shown(Path(file), Path(tasks) if tasks else None, damaged=True)
@@ -43,7 +46,7 @@ def steps(file: str, expansions: str, seconds: str) -> None:
     from robotouille.certification.certificate import Deadline
     from robotouille.replay.distances import estimates
     from robotouille.replay.recording import read_recording
-    from robotouille_client.window.replay.recorded_states import ENDING, SavedStates
+    from robotouille_client.window.replay.histories.recorded_states import ENDING, SavedStates
 
     saved = SavedStates.read(Path(file)) if file.endswith(ENDING) else None
     source = saved or read_recording(file, damaged=True)

@@ -23,13 +23,13 @@ from robotouille.replay.recording import Recording, read_recording
 from robotouille.replay.timeline import interludes, note_words
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, Step, World
-from robotouille_client.window.replay.history import (
+from robotouille_client.window.replay.histories.history import (
     Entry,
     EntryKind,
     History,
     HistoryWording,
 )
-from robotouille_client.window.replay.recorded_states import RecordedStates
+from robotouille_client.window.replay.histories.recorded_states import RecordedStates
 from robotouille_client.window.sources.texts import outcome_words
 from robotouille_client.window.view import SeatView
 

@@ -7,10 +7,7 @@ import pygame
 from robotouille_client.window.pictures.shapes import box
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, FAINT, INK, PANEL, PAPER, SEATS, TEXT
-from robotouille_client.window.replay.button_row import ButtonRow, ButtonsLook
-from robotouille_client.window.replay.history import History
-from robotouille_client.window.replay.lanes import Lanes, Scale
-from robotouille_client.window.replay.legend import draw_key_help
+from robotouille_client.window.replay.histories.history import History
 from robotouille_client.window.replay.log_panel import LogPanel
 from robotouille_client.window.replay.readout import (
     Toast,
@@ -19,7 +16,10 @@ from robotouille_client.window.replay.readout import (
     readout_parts,
     summary_at,
 )
-from robotouille_client.window.replay.steps_to_go import StepsCurve
+from robotouille_client.window.replay.timeline.button_row import ButtonRow, ButtonsLook
+from robotouille_client.window.replay.timeline.lanes import Lanes, Scale
+from robotouille_client.window.replay.timeline.legend import draw_key_help
+from robotouille_client.window.replay.timeline.steps_to_go import StepsCurve
 from robotouille_client.window.replay.viewer_keys import ViewerKeys
 from robotouille_client.window.replay.viewer_state import Playhead, ViewerState
 from robotouille_client.window.view import View

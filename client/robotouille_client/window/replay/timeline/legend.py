@@ -24,7 +24,7 @@ from robotouille_client.window.pictures.theme import (
     Colour,
     mixed,
 )
-from robotouille_client.window.replay.history import ACTIVITIES, EntryKind
+from robotouille_client.window.replay.histories.history import ACTIVITIES, EntryKind
 
 # Ground of the lanes.
 TRACK: Colour = mixed(CARD, INK, 0.25)

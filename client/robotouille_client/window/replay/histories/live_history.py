@@ -21,7 +21,7 @@ from robotouille_client.sansio.game_events import (
     RosterChanged,
     StateChanged,
 )
-from robotouille_client.window.replay.history import (
+from robotouille_client.window.replay.histories.history import (
     Entry,
     EntryKind,
     History,

@@ -7,8 +7,8 @@ from collections import Counter
 import pygame
 
 from robotouille_client.window.pictures.theme import CARD
-from robotouille_client.window.replay.history import ACTIVITIES, EntryKind, History
-from robotouille_client.window.replay.legend import (
+from robotouille_client.window.replay.histories.history import ACTIVITIES, EntryKind, History
+from robotouille_client.window.replay.timeline.legend import (
     ACTIVITY_LOOKS,
     MARK_COLOURS,
     TRACK,

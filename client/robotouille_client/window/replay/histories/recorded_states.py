@@ -16,7 +16,7 @@ from robotouille.errors import RecordingError
 from robotouille.protocol.states import StateReader
 from robotouille.replay.container import frame_value
 from robotouille.world.world import State, World
-from robotouille_client.window.replay.history import History
+from robotouille_client.window.replay.histories.history import History
 
 ENDING = ".states"
 

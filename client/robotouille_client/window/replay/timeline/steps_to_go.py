@@ -19,8 +19,8 @@ from robotouille.errors import RobotouilleError
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, BAD, CARD, FAINT, INK, mixed
 from robotouille_client.window.replay.background import WORKERS, LineProcess
-from robotouille_client.window.replay.history import History
-from robotouille_client.window.replay.lanes import Scale
+from robotouille_client.window.replay.histories.history import History
+from robotouille_client.window.replay.timeline.lanes import Scale
 from robotouille_client.window.replay.viewer_state import JobProgress, ViewerState
 
 

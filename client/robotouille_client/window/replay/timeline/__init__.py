@@ -1,0 +1,1 @@
+"""The timeline below the kitchen: lanes, legend, buttons and the curve of steps to go."""
