@@ -62,6 +62,25 @@ async def test_idle_game_is_left(server: Server) -> None:
 
 
 @opening(serving)
+async def test_game_of_a_removed_client_frees_its_place(server: Server) -> None:
+    """A client that the game server has sent away must not keep a place by calling on."""
+    async with agent(server.url, max_games=1) as ada:
+        code = await ada.opened(TEAM)
+        view = await ada.call("join", episode=code)
+        (session,) = server.lobby.find(code).members
+        assert session.peer is not None
+        session.peer.close("auth/revoked", "the operator has revoked your token")
+        await asyncio.sleep(30)
+        view = await ada.call("observe", game=view["game"])
+        assert "revoked your token" in view["next"]
+        await asyncio.sleep(20)
+        await ada.call("observe", game=view["game"])
+        await asyncio.sleep(20)
+        assert "call join" in await ada.refused("observe", game=view["game"])
+        await ada.call("join", episode=code)
+
+
+@opening(serving)
 async def test_disconnected_client_leaves_its_seats(server: Server) -> None:
     for mode in ("auto", "legacy"):
         async with agent(server.url, mode=mode) as ada:

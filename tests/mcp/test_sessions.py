@@ -17,6 +17,7 @@ from robotouille_client.mcp_server.open_games import Caller, OpenGames
 from robotouille_client.mcp_server.server import mcp_server
 from robotouille_server import Server
 from robotouille_server.auth import Role
+from robotouille_server.auth.revocation import REVOKED_FILE, revoke
 from tests.support.mcp_agent import over, with_bearer
 from tests.support.servers import serving
 
@@ -46,6 +47,11 @@ class Service:
 
     def token(self, subject: str) -> str:
         return self.server.tokens.mint_role(Role.HOST, subject, seconds=3600)
+
+    def revoke(self, token: str) -> None:
+        grant = self.server.tokens.check_role(token)
+        path = self.server.settings.state_folder / REVOKED_FILE
+        revoke(path, [grant.token_id], grant.expires, 0.0)
 
     async def send(
         self, content: object, token: str = "", session: str = "", method: str = "POST"
@@ -117,6 +123,39 @@ async def test_session_works_with_its_own_token_only(tmp_path: Path) -> None:
         assert await mcp.alive(session, ada)
         assert (await mcp.send(None, ada, session, "DELETE")).status_code == 200
         assert not await mcp.alive(session, ada)
+
+
+async def test_revoked_token_ends_the_session_and_frees_its_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions, "RECHECK_SECONDS", 0.0)
+    monkeypatch.setattr(sessions, "MAX_SESSIONS", 1)
+    async with service(tmp_path) as mcp:
+        ada, eve = mcp.token("ada"), mcp.token("eve")
+        async with with_bearer(mcp.url, eve, "legacy") as playing:
+            await playing.call("join", episode=await playing.opened("synchronous/01"))
+            (session,) = mcp.games.sessions()
+            assert session is not None
+            # A session with a game gives way to nobody.
+            assert (await mcp.send(HELLO, ada)).status_code == 503
+            mcp.revoke(eve)
+            answer = await mcp.send(PING, eve, session)
+            assert answer.status_code == 401
+            assert "revoked" in answer.json()["error_description"]
+            assert len(mcp.games) == 0
+            assert (await mcp.send(PING, eve, session)).status_code == 404
+            assert await mcp.alive(await mcp.opened(ada), ada)
+
+
+async def test_session_goes_on_without_its_game_server(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions, "RECHECK_SECONDS", 0.0)
+    async with service(tmp_path) as mcp:
+        ada = mcp.token("ada")
+        session = await mcp.opened(ada)
+        mcp.games.url = "ws://127.0.0.1:9"
+        assert await mcp.alive(session, ada)
 
 
 async def test_strangers_cannot_end_the_games_of_a_session(tmp_path: Path) -> None:

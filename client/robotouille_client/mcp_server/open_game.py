@@ -194,6 +194,7 @@ class OpenGame:
         self.game = game
         self.calls = 0
         self.last_used = 0.0
+        self._lost_at = 0.0
         self._client = client
         self._log = GameLog(game)
         self._shown = ""
@@ -240,6 +241,16 @@ class OpenGame:
         self.game.say(text)
         await self._wait_for(lambda: self._log.own_messages > before, ECHO_SECONDS)
         return self._log.own_messages > before
+
+    def is_lost(self, now: float, seconds: float) -> bool:
+        """Return whether the game server closed the connection for good, `seconds` ago or earlier.
+
+        The time counts from the first call after that.
+        """
+        if not self._client.farewell:
+            return False
+        self._lost_at = self._lost_at or now
+        return now >= self._lost_at + seconds
 
     async def close(self) -> None:
         """Leave the episode, so that the seat is free at once, and close the connection."""

@@ -20,6 +20,11 @@ from robotouille_client.mcp_server.open_game import OpenGame
 
 MAX_GAMES_OF_ONE = 16
 """Maximum number of open games for one token."""
+LOOK_SECONDS = 5.0
+"""Seconds between two checks for games that nobody uses."""
+LOST_SECONDS = 60.0
+"""Seconds for which a game stays after the game server has closed its connection for good. In this
+time, the client can read the reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +51,7 @@ class OpenGames:
     """The open games by their handles.
 
     A handle is a secret that works only with the token of its owner. Use the games within
-    `running`, which leaves idle games, and all of them at the end.
+    `running`, which leaves idle and lost games, and all of them at the end.
 
     Args:
         token: Token of callers without their own.
@@ -184,21 +189,22 @@ class OpenGames:
     async def _close(self, games: Iterable[OpenGame]) -> None:
         await asyncio.gather(*map(self.close, list(games)))
 
-    async def _close_idle(self) -> None:
-        loop = asyncio.get_running_loop()
+    async def _close_unused(self) -> None:
+        now = asyncio.get_running_loop().time
         while True:
-            unused = [g.last_used for g in self._games.values() if not g.calls]
-            oldest = min(unused, default=loop.time())
-            await asyncio.sleep(max(1.0, oldest + self._idle_seconds - loop.time()))
-            long_ago = loop.time() - self._idle_seconds
-            await self._close(
-                g for g in self._games.values() if not g.calls and g.last_used <= long_ago
-            )
+            await asyncio.sleep(LOOK_SECONDS)
+            await self._close(g for g in self._games.values() if self._is_unused(g, now()))
+
+    def _is_unused(self, opened: OpenGame, now: float) -> bool:
+        # A client whose token is revoked must not keep its place by further calls.
+        if opened.is_lost(now, LOST_SECONDS):
+            return True
+        return not opened.calls and opened.last_used <= now - self._idle_seconds
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[OpenGames]:
-        """Leave idle games within the context, and all games at its end."""
-        keeper = asyncio.create_task(self._close_idle(), name="robotouille-mcp idle games")
+        """Leave idle and lost games within the context, and all games at its end."""
+        keeper = asyncio.create_task(self._close_unused(), name="robotouille-mcp unused games")
         try:
             yield self
         finally:

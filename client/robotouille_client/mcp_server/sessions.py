@@ -18,6 +18,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from robotouille.errors import ProtocolError, RobotouilleError
+from robotouille.protocol.error_codes import ErrorCode
 from robotouille_client.mcp_server.open_games import SESSION_HEADER, Caller, bearer
 
 if TYPE_CHECKING:
@@ -32,6 +33,8 @@ use up the connections of all."""
 CHECKS_AT_ONCE = 8
 """Tokens that the game server checks at the same time."""
 CHECK_SECONDS = 10.0
+RECHECK_SECONDS = 30.0
+"""Seconds after which a session's next request checks again whether its token is revoked."""
 VERSION_HEADER = "mcp-protocol-version"
 
 
@@ -53,12 +56,18 @@ def address_group(address: str) -> str:
 
 @dataclass(slots=True)
 class McpSession:
-    """An open session. `calls` counts the requests in progress."""
+    """An open session.
+
+    Attributes:
+        checked: The time at which the game server last checked the token.
+        calls: The number of requests in progress.
+    """
 
     id: str
     caller: Caller
     group: str
     last_used: float
+    checked: float
     calls: int = 0
 
 
@@ -136,6 +145,11 @@ class SessionKeeper:
             # The library answers 404, because the session has ended or belongs to another token.
             await self._app(scope, receive, send)
             return
+        if await self._is_revoked(session):
+            await self._end(session, scope)
+            await self._games.end_session(name, caller.owner)
+            await invalid_token("the operator has revoked the token")(scope, receive, send)
+            return
         answer = _Answer(send)
         session.calls += 1
         session.last_used = self._now()
@@ -151,7 +165,7 @@ class SessionKeeper:
     async def _open(self, caller: Caller, request: tuple[Scope, Receive, Send]) -> None:
         scope, receive, send = request
         group = address_group((scope.get("client") or ("", 0))[0])
-        new = McpSession("", caller, group, self._now())
+        new = McpSession("", caller, group, self._now(), self._now())
         self._opening.append(new)
         answer = _Answer(send)
         try:
@@ -182,6 +196,20 @@ class SessionKeeper:
             reason = str(error)
         return _unavailable(f"the game server cannot check the token: {reason}")
 
+    async def _is_revoked(self, session: McpSession) -> bool:
+        """Ask the game server, from time to time, whether a session's token was revoked."""
+        if not session.caller.token or self._now() < session.checked + RECHECK_SECONDS:
+            return False
+        session.checked = self._now()
+        try:
+            async with asyncio.timeout(CHECK_SECONDS), self._games.visit(session.caller):
+                return False
+        except ProtocolError as error:
+            # Sessions go on with an expired token, and with one for a single session.
+            return error.code == ErrorCode.AUTH_REVOKED
+        except (RobotouilleError, TimeoutError):
+            return False
+
     async def _make_room(self, new: McpSession, scope: Scope) -> Response | None:
         """End sessions without a game until the new one is within all limits."""
         self._forget_idle()
@@ -211,7 +239,7 @@ class SessionKeeper:
 
     async def _end(self, session: McpSession, scope: Scope) -> None:
         """End a session with the request that its client would send."""
-        del self._sessions[session.id]
+        self._sessions.pop(session.id, None)
         headers = [(b"host", Headers(scope=scope).get("host", "").encode("latin-1"))]
         headers.append((SESSION_HEADER.encode(), session.id.encode()))
         request = {**scope, "method": "DELETE", "headers": headers, **_identity(session.caller)}
