@@ -21,6 +21,7 @@ from robotouille.html_report.page import (
 from robotouille_evaluation.metrics import outcomes
 from robotouille_evaluation.metrics.rows import ResultRow
 from robotouille_evaluation.report import published
+from robotouille_evaluation.report.cells import WORDS, percent
 from robotouille_evaluation.report.grouping import (
     datasets,
     interval,
@@ -29,7 +30,6 @@ from robotouille_evaluation.report.grouping import (
     score_interval,
     tasks,
 )
-from robotouille_evaluation.report.tables import WORDS, percent
 
 COLUMNS = ("instance", "result", "steps", "fewest", "budget", "to go", "repeated", "wrong", "calls",
            "failure", "recording")  # fmt: skip

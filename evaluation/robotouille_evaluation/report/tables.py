@@ -8,7 +8,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
 from io import StringIO
 from statistics import fmean
 
-from robotouille.html_report.intervals import Interval
 from robotouille.html_report.page import Cell, Table, TableRow
 from robotouille.terminal import spreadsheet_cell
 from robotouille_evaluation.metrics import outcomes
@@ -22,6 +21,16 @@ from robotouille_evaluation.report.bins import (
     FARTHER_AWAY,
     STEPS_TO_GO_BINS,
     steps_to_go_bin,
+)
+from robotouille_evaluation.report.cells import (
+    NONE,
+    mean_of_known,
+    new_table,
+    number_text,
+    percent,
+    percent_of,
+    published_percent,
+    reference_row,
 )
 from robotouille_evaluation.report.grouping import (
     SETTINGS_OF_VARIANTS,
@@ -39,11 +48,7 @@ from robotouille_evaluation.report.grouping import (
 )
 from robotouille_evaluation.report.reference import Reference
 
-NONE = "–"
 STOCHASTIC = ("stochastic", "stochastic-paper")
-WORDS = frozenset(
-    {"data set", "category", "subcategory", "other", "result", "failure", "recording"}
-)
 MAX_COMPARED = 30
 """Players compared in pairs. The table has a row for each pair, so it grows quadratically."""
 MAX_COLUMNS = 40
@@ -91,40 +96,6 @@ def _inert(cell: str | Cell) -> str:
     return spreadsheet_cell(text.replace("\r", " ").replace("\n", " "))
 
 
-def percent(interval: Interval | None) -> str:
-    """Return a rate with its interval, such as `47 % (37–57)`."""
-    if interval is None:
-        return NONE
-    return interval.text(_percent, lambda bound: str(round(100 * bound)))
-
-
-def _percent(share: float | None) -> str:
-    return NONE if share is None else f"{100 * share:.3g} %"
-
-
-def _published(value: float | None) -> str:
-    return NONE if value is None else f"{value:.3g} %"
-
-
-def _number(value: float | None, form: str = ".3g") -> str:
-    return NONE if value is None else format(value, form)
-
-
-def _mean(values: Iterable[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return fmean(known) if known else None
-
-
-def _table(
-    name: str, title: str, columns: Sequence[str], rows: Iterable[TableRow], note: str = ""
-) -> Table:
-    return Table(tuple(columns), tuple(rows), name, title, note, WORDS)
-
-
-def _reference(*cells: str) -> TableRow:
-    return TableRow(cells, reference=True)
-
-
 def _by_player_and_set(
     rows: Sequence[ResultRow],
 ) -> Iterator[tuple[str, str, list[ResultRow]]]:
@@ -148,15 +119,15 @@ def success_by_dataset(rows: Sequence[ResultRow]) -> Table:
     for each in published.SUCCESS:
         known = {"synchronous": each.synchronous, "asynchronous": each.asynchronous}
         if any(known.get(one) is not None for one in sets):
-            cells = [_published(known.get(one)) for one in sets]
-            lines.append(_reference(f"{each.model}, {each.strategy}", *cells, NONE))
+            cells = [published_percent(known.get(one)) for one in sets]
+            lines.append(reference_row(f"{each.model}, {each.strategy}", *cells, NONE))
     note = (
         "Share of episodes that reached the goal within their step budget, with 95 % bootstrap "
         "intervals over instances. Each published number is from 100 episodes. Do not compare a "
         "part of a data set with the whole: its tasks differ in difficulty."
         + _left_out("data sets", all_sets, sets)
     )
-    return _table("success", "Success by data set", ("player", *sets, "episodes"), lines, note)
+    return new_table("success", "Success by data set", ("player", *sets, "episodes"), lines, note)
 
 
 def _left_out(what: str, groups: Sized, shown: Sized) -> str:
@@ -185,17 +156,17 @@ def success_by_task(rows: Sequence[ResultRow]) -> Iterator[Table]:
         by_task = [by(own, lambda row: row.task) for own in players.values()]
         for task, episodes in tasks(group).items():
             cells = [percent(interval(own.get(task, ()), outcomes.succeeded)) for own in by_task]
-            optimum = _number(_mean(row.optimum.steps for row in episodes))
+            optimum = number_text(mean_of_known(row.optimum.steps for row in episodes))
             number = task_number(task)
             known = number is not None and 1 <= number <= 10
-            other = [_published(each[number - 1]) if known and number else NONE
+            other = [published_percent(each[number - 1]) if known and number else NONE
                      for each in theirs.values()]  # fmt: skip
             lines.append(TableRow((task.rpartition("/")[2], optimum, *cells, *other)))
         columns = ("task", "optimum", *players, *(f"gpt-4o, {s} (published)" for s in theirs))
         title = f"Success by task: {dataset.replace('_', '-')}"
         note = "Optimum: mean length of the shortest plans of the instances played."
         note += _left_out("players", groups[dataset], players)
-        yield _table(f"success_{dataset}", title, columns, lines, note)
+        yield new_table(f"success_{dataset}", title, columns, lines, note)
 
 
 # Shifts
@@ -208,9 +179,9 @@ def scores(rows: Sequence[ResultRow]) -> Table:
         found = [row.score for row in episodes if row.score is not None]
         cells = (
             percent(score_interval(episodes)),
-            _number(_mean(each.points for each in found), ".4g"),
-            _number(_mean(each.served for each in found)),
-            _number(_mean(each.expired for each in found)),
+            number_text(mean_of_known(each.points for each in found), ".4g"),
+            number_text(mean_of_known(each.served for each in found)),
+            number_text(mean_of_known(each.expired for each in found)),
             str(len(found)),
         )
         lines.append(TableRow((name, dataset, *cells)))
@@ -220,7 +191,7 @@ def scores(rows: Sequence[ResultRow]) -> Table:
         "bootstrap interval over instances. Points, served and expired orders are means per "
         "episode. Agents that serve more than one order at a time can exceed 100 %."
     )
-    return _table("scores", "Scores of shifts", columns, lines, note)
+    return new_table("scores", "Scores of shifts", columns, lines, note)
 
 
 def scores_by_task(rows: Sequence[ResultRow]) -> Table:
@@ -232,11 +203,13 @@ def scores_by_task(rows: Sequence[ResultRow]) -> Table:
     for task, group in tasks(rows).items():
         for seats, episodes in sorted(by(group, lambda row: str(row.seats)).items()):
             cells = [percent(score_interval(own.get(f"{seats} {task}", ()))) for own in by_place]
-            points = _number(_mean(r.score.planner for r in episodes if r.score is not None), ".4g")
+            points = number_text(
+                mean_of_known(r.score.planner for r in episodes if r.score is not None), ".4g"
+            )
             lines.append(TableRow((task.rpartition("/")[2], seats, points, *cells)))
     columns = ("task", "seats", "planner's points", *players)
     note = _left_out("players", groups, players).strip()
-    return _table("scores_by_task", "Score / planner by task", columns, lines, note)
+    return new_table("scores_by_task", "Score / planner by task", columns, lines, note)
 
 
 # Quality of successes and failures
@@ -249,14 +222,20 @@ def optimality(rows: Sequence[ResultRow], reference: Reference) -> Table:
         rates = [r for row in episodes if (r := outcomes.optimality_rate(row)) is not None]
         if rates:
             share = percent(interval(episodes, outcomes.is_optimal))
-            cells = (_number(fmean(rates), ".2f"), _number(max(rates), ".2f"), str(len(rates)))
+            cells = (
+                number_text(fmean(rates), ".2f"),
+                number_text(max(rates), ".2f"),
+                str(len(rates)),
+            )
             lines.append(TableRow((name, dataset, share, *cells)))
     for dataset, bins in reference.optimality.items():
         if any(row.dataset == dataset for row in rows):
-            lines.append(_reference(REACT, dataset, _published(bins.get("1")), NONE, NONE, NONE))
+            lines.append(
+                reference_row(REACT, dataset, published_percent(bins.get("1")), NONE, NONE, NONE)
+            )
     note = "Optimality rate: steps taken / fewest steps, of successes with a proven optimum."
     columns = ("player", "data set", "optimal", "mean rate", "largest", "successes")
-    return _table("optimality", "Optimality of successes", columns, lines, note)
+    return new_table("optimality", "Optimality of successes", columns, lines, note)
 
 
 def bin_of_steps_to_go(measures: EpisodeMeasures) -> str | None:
@@ -277,15 +256,15 @@ def steps_to_go(rows: Sequence[ResultRow], reference: Reference) -> Table:
         bins = [bin_of_steps_to_go(r.measures) for r in episodes if not outcomes.succeeded(r)]
         counts = Counter(each for each in bins if each)
         if total := counts.total():
-            shares = [_percent(counts[each] / total) for each in STEPS_TO_GO_BINS]
-            away = _percent(sum(counts[each] for each in FARTHER_AWAY) / total)
+            shares = [percent_of(counts[each] / total) for each in STEPS_TO_GO_BINS]
+            away = percent_of(sum(counts[each] for each in FARTHER_AWAY) / total)
             lines.append(
                 TableRow((name, dataset, *shares, away, str(total), str(len(bins) - total)))
             )
     for dataset, known in reference.steps_to_go.items():
         if any(row.dataset == dataset for row in rows):
-            shares = [_published(known.get(each)) for each in (*STEPS_TO_GO_BINS, AWAY)]
-            lines.append(_reference(REACT, dataset, *shares, NONE, NONE))
+            shares = [published_percent(known.get(each)) for each in (*STEPS_TO_GO_BINS, AWAY)]
+            lines.append(reference_row(REACT, dataset, *shares, NONE, NONE))
     note = (
         "Fewest steps from the last state to the goal / fewest steps from the first state, of "
         "failures. Below 0.5 is progress; above 1 is farther away than at the start. A bin "
@@ -294,7 +273,7 @@ def steps_to_go(rows: Sequence[ResultRow], reference: Reference) -> Table:
         "benchmark measure` adds it later."
     )
     columns = ("player", "data set", *STEPS_TO_GO_BINS, AWAY, "failures", "not known")
-    return _table("steps_to_go", "Steps to go of failures", columns, lines, note)
+    return new_table("steps_to_go", "Steps to go of failures", columns, lines, note)
 
 
 def behaviour(rows: Sequence[ResultRow], reference: Reference) -> Table:
@@ -308,19 +287,19 @@ def behaviour(rows: Sequence[ResultRow], reference: Reference) -> Table:
         stumbles = sum(each.stumbles for each in measures)
         recovered = sum(each.recovered for each in measures)
         cells = (
-            _number(_mean(won)),
-            _number(_mean(lost)),
-            _percent(outcomes.invalid_rate(episodes)),
-            _percent(outcomes.malformed_rate(episodes)),
-            _percent(recovered / stumbles if stumbles else None),
-            _number(_mean(each.repeated_mistakes for each in measures)),
-            _percent(_mean(each.waiting_share for each in measures)),
-            _percent(_mean(each.idle_share for each in measures)),
+            number_text(mean_of_known(won)),
+            number_text(mean_of_known(lost)),
+            percent_of(outcomes.invalid_rate(episodes)),
+            percent_of(outcomes.malformed_rate(episodes)),
+            percent_of(recovered / stumbles if stumbles else None),
+            number_text(mean_of_known(each.repeated_mistakes for each in measures)),
+            percent_of(mean_of_known(each.waiting_share for each in measures)),
+            percent_of(mean_of_known(each.idle_share for each in measures)),
         )
         lines.append(TableRow((name, dataset, *cells)))
     for dataset in datasets(rows) if reference.repetitions else ():
         repeated = (reference.mean_repetitions(dataset, each) for each in ("successes", "failures"))
-        lines.append(_reference(REACT, dataset, *map(_number, repeated), *[NONE] * 6))
+        lines.append(reference_row(REACT, dataset, *map(number_text, repeated), *[NONE] * 6))
     columns = ("player", "data set", "repeated, successes", "repeated, failures", "invalid",
                "malformed", "recovered", "repeated mistakes", "waiting", "idle")  # fmt: skip
     note = (
@@ -329,7 +308,7 @@ def behaviour(rows: Sequence[ResultRow], reference: Reference) -> Table:
         "after a recovery. Waiting, idle: share of the players' steps without an action, while "
         "asynchronous work runs and while none runs."
     )
-    return _table("behaviour", "Repetition, errors and waiting", columns, lines, note)
+    return new_table("behaviour", "Repetition, errors and waiting", columns, lines, note)
 
 
 def asynchronous_first(rows: Sequence[ResultRow]) -> Table:
@@ -340,17 +319,17 @@ def asynchronous_first(rows: Sequence[ResultRow]) -> Table:
         if decided:
             first, later = success_by_asynchronous_first(decided)
             share = interval(decided, lambda row: row.measures.asynchronous_first)
-            cells = (percent(share), _percent(first), _percent(later), str(len(decided)))
+            cells = (percent(share), percent_of(first), percent_of(later), str(len(decided)))
             lines.append(TableRow((name, *cells)))
     if lines:
-        known = map(_published, published.ASYNCHRONOUS_FIRST)
-        lines.append(_reference(REACT, NONE, *known, NONE))
+        known = map(published_percent, published.ASYNCHRONOUS_FIRST)
+        lines.append(reference_row(REACT, NONE, *known, NONE))
     columns = ("player", "asynchronous first", "success if so", "success if not", "episodes")
     note = (
         "Asynchronous first: the first work of the episode cooks, fries, fills or boils. See "
         "docs/metrics.md."
     )
-    return _table("asynchronous_first", "Asynchronous work first", columns, lines, note)
+    return new_table("asynchronous_first", "Asynchronous work first", columns, lines, note)
 
 
 def failures(rows: Sequence[ResultRow], reference: Reference) -> Table:
@@ -360,20 +339,22 @@ def failures(rows: Sequence[ResultRow], reference: Reference) -> Table:
         found = [row.measures.failure for row in episodes if row.measures.failure]
         kinds = Counter((each.category, each.subcategory) for each in found)
         for (category, subcategory), count in sorted(kinds.items()):
-            cells = (_percent(count / len(found)), str(count))
+            cells = (percent_of(count / len(found)), str(count))
             lines.append(TableRow((name, dataset, category, subcategory, *cells)))
     for dataset, shares in reference.failures.items() if lines else ():
         if any(row.dataset == dataset for row in rows):
             for key, value in shares.items():
                 kind, _, detail = key.partition(": ")
-                share = _published(value)
-                lines.append(_reference(REACT, dataset, kind, detail or "all of them", share, NONE))
+                share = published_percent(value)
+                lines.append(
+                    reference_row(REACT, dataset, kind, detail or "all of them", share, NONE)
+                )
     columns = ("player", "data set", "category", "subcategory", "share", "failures")
     note = (
         "The classifier derives the category from the states of the world. In the paper, people "
         "annotated the failures."
     )
-    return _table("failures", "Why episodes failed", columns, lines, note)
+    return new_table("failures", "Why episodes failed", columns, lines, note)
 
 
 # Teams and real time
@@ -387,10 +368,10 @@ def teams(rows: Sequence[ResultRow]) -> Table:
             shares = [row.measures.contributions for row in episodes if row.measures.contributions]
             cells = (
                 _success(episodes),
-                _percent(_mean(min(each.values()) for each in shares)),
-                _percent(_mean(max(each.values()) for each in shares)),
-                _number(_mean(row.measures.blocked for row in episodes)),
-                _percent(_mean(row.measures.overlap for row in episodes)),
+                percent_of(mean_of_known(min(each.values()) for each in shares)),
+                percent_of(mean_of_known(max(each.values()) for each in shares)),
+                number_text(mean_of_known(row.measures.blocked for row in episodes)),
+                percent_of(mean_of_known(row.measures.overlap for row in episodes)),
             )
             lines.append(TableRow((name, seats, *cells)))
     columns = ("player", "seats", "success", "least share", "largest share", "blocked", "overlap")
@@ -399,7 +380,7 @@ def teams(rows: Sequence[ResultRow]) -> Table:
         "per episode that were rejected because of a teammate. Overlap: share of steps in which "
         "two or more players act."
     )
-    return _table("teams", "Teams", columns, lines, note)
+    return new_table("teams", "Teams", columns, lines, note)
 
 
 def real_time(rows: Sequence[ResultRow]) -> Table:
@@ -409,10 +390,10 @@ def real_time(rows: Sequence[ResultRow]) -> Table:
         measures = [row.measures for row in episodes]
         cells = (
             _success(episodes),
-            _number(_mean(each.staleness for each in measures)),
-            _number(_mean(each.late_answers for each in measures)),
-            _percent(_mean(each.held_share for each in measures)),
-            _number(_mean(each.lost_to_thinking for each in measures)),
+            number_text(mean_of_known(each.staleness for each in measures)),
+            number_text(mean_of_known(each.late_answers for each in measures)),
+            percent_of(mean_of_known(each.held_share for each in measures)),
+            number_text(mean_of_known(each.lost_to_thinking for each in measures)),
             str(len(episodes)),
         )
         lines.append(TableRow((name, dataset, *cells)))
@@ -423,7 +404,7 @@ def real_time(rows: Sequence[ResultRow]) -> Table:
         "observation that could still be applied. Lost: steps per episode in which a player was "
         "idle because its model was thinking."
     )
-    return _table("real_time", "In real time", columns, lines, note)
+    return new_table("real_time", "In real time", columns, lines, note)
 
 
 # Cost, variants and comparisons
@@ -439,20 +420,20 @@ def ablations(rows: Sequence[ResultRow]) -> Table:
         cells = (
             f"{len(tasks(group))}",
             f"{sum(map(outcomes.succeeded, goals))}/{len(goals)}" if goals else NONE,
-            _number(outcomes.mean_steps(group), ".2f"),
+            number_text(outcomes.mean_steps(group), ".2f"),
             f"{calls:,}",
             f"{prompt:,}",
             f"{completion:,}",
-            _number(outcomes.cost(group), ".2f"),
-            _number(outcomes.cost_per_success(group), ".2f"),
-            _number(outcomes.seconds_per_call(group)),
+            number_text(outcomes.cost(group), ".2f"),
+            number_text(outcomes.cost_per_success(group), ".2f"),
+            number_text(outcomes.seconds_per_call(group)),
         )
         lines.append(TableRow((name, dataset, *cells)))
     if any(is_ablation(row) and row.dataset == published.ABLATION_DATASET for row in rows):
         lines += map(_published_ablation, published.ABLATIONS)
     columns = ("player", "data set", "tasks", "solved", "mean steps", "calls", "prompt tokens",
                "completion tokens", "cost ($)", "$ per success", "s per call")  # fmt: skip
-    return _table("ablations", "Steps, tokens and cost", columns, lines)
+    return new_table("ablations", "Steps, tokens and cost", columns, lines)
 
 
 def _published_ablation(each: published.PublishedAblation) -> TableRow:
@@ -461,10 +442,10 @@ def _published_ablation(each: published.PublishedAblation) -> TableRow:
         published.ABLATION_DATASET,
         f"{published.ABLATION_TASKS}",
         f"{each.solved}/{published.ABLATION_EPISODES}",
-        _number(each.steps, ".2f"),
+        number_text(each.steps, ".2f"),
     )
-    costs = (_number(each.cost, ".2f"), _number(each.cost / each.solved, ".2f"))
-    return _reference(*cells, NONE, NONE, NONE, *costs, NONE)
+    costs = (number_text(each.cost, ".2f"), number_text(each.cost / each.solved, ".2f"))
+    return reference_row(*cells, NONE, NONE, NONE, *costs, NONE)
 
 
 def variants(rows: Sequence[ResultRow]) -> Table:
@@ -494,7 +475,7 @@ def variants(rows: Sequence[ResultRow]) -> Table:
         "uses that; the published numbers are next to the code. Delay-free: nothing takes "
         "time, and the step budgets are for kitchens without delays."
     )
-    return _table("variants", "Variants", columns, lines, note)
+    return new_table("variants", "Variants", columns, lines, note)
 
 
 def _published_variants(rows: Sequence[ResultRow]) -> Iterator[TableRow]:
@@ -514,7 +495,7 @@ def _published_variants(rows: Sequence[ResultRow]) -> Iterator[TableRow]:
         names = {task_number(task): task.rpartition("/")[2] for task in tasks(own)}
         for number, values in known.items():
             task = names.get(number, f"the paper's task {number}")
-            yield _reference(REACT, NONE, dataset, task, *map(_published, values))
+            yield reference_row(REACT, NONE, dataset, task, *map(published_percent, values))
 
 
 def comparisons(rows: Sequence[ResultRow]) -> Table:
@@ -540,4 +521,4 @@ def comparisons(rows: Sequence[ResultRow]) -> Table:
         "multiple comparisons."
     )
     note += _left_out("players", results, names)
-    return _table("comparisons", "Players compared in pairs", columns, lines, note)
+    return new_table("comparisons", "Players compared in pairs", columns, lines, note)

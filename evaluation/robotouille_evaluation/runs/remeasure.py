@@ -76,7 +76,7 @@ def remeasured(row: ResultRow, pack: Pack, run: Path) -> ResultRow:
 
 @dataclass(frozen=True, slots=True)
 class Remeasured:
-    """A row with added measures, or the reason why there are none."""
+    """A row with added measures, or the reason for the failure."""
 
     row: ResultRow | None
     fault: str = ""
