@@ -236,6 +236,10 @@ NO_WORDS = Language()
 """Language that changes nothing when it is laid over another."""
 
 
+MAX_FOLDERS = 50
+"""Folders and renderings that a rendering may name. Each one is searched on disk."""
+
+
 class RenderingFile(Schema):
     """Look of a domain, and the words for what is in it.
 
@@ -252,8 +256,8 @@ class RenderingFile(Schema):
     extends: Extends = None
     version: str = "1.0.0"
     assets: FileName = "kitchen"
-    inherited_assets: tuple[FileName, ...] = ()
-    redraws: tuple[FileName, ...] = ()
+    inherited_assets: Annotated[tuple[FileName, ...], Field(max_length=MAX_FOLDERS)] = ()
+    redraws: Annotated[tuple[FileName, ...], Field(max_length=MAX_FOLDERS)] = ()
     floor: FloorArt = FloorArt()
     player: dict[
         str, Annotated[tuple[Facings, ...], BeforeValidator(as_listed), Field(min_length=1)]
