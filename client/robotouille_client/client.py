@@ -136,6 +136,11 @@ class Client:
         return self.protocol.addresses.others
 
     @property
+    def limits_sight(self) -> bool:
+        """True if players see a part of the kitchen in episodes that `create` opens by default."""
+        return self.protocol.limits_sight
+
+    @property
     def game(self) -> Game | None:
         """The episode that the client is in."""
         return self.protocol.game
@@ -215,9 +220,14 @@ class Client:
                 return list(found.values())
             request = request.model_copy(update={"skip": skip})
 
-    async def waiting_episode(self) -> messages.EpisodeInfo | None:
-        """Return the first episode that waits for players, if there is one."""
-        return next((each for each in await self.episodes() if each.phase == "waiting"), None)
+    async def waiting_episode(self, *, partial: bool = False) -> messages.EpisodeInfo | None:
+        """Return the first episode that waits for players, if there is one.
+
+        Args:
+            partial: True to include episodes whose players see a part of the kitchen, as in `join`.
+        """
+        waiting = (each for each in await self.episodes() if each.phase == "waiting")
+        return next((each for each in waiting if partial or not each.limits_sight), None)
 
     async def create(self, task: str | None = None, **options: Any) -> messages.Created:
         """Open an episode without joining it. `join` takes the code of the answer.

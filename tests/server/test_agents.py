@@ -1,4 +1,4 @@
-"""The program that plays a seat is recorded, and nobody else learns it."""
+"""Bots that take seats: which games they choose, what is recorded of them, and rematches."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from typing import Any
 
 import pytest
 
-from robotouille import GroundAction, State
+from robotouille import GroundAction, RobotouilleError, State, WrongWorldError
 from robotouille.protocol.messages import Create
 from robotouille.replay import read_recording
-from robotouille_client.bots.kinds import BotKind, BotSetup, policy_maker
+from robotouille_client.bots.kinds import BotKind, BotSetup, TrainedBot, policy_maker
 from robotouille_client.bots.seat_policy import play
 from robotouille_client.bots.seat_session import SeatRequest, play_seat
 from robotouille_client.client import connect
 from tests.support.servers import serving
+from tests.support.sources import ROOT
 from tests.support.virtual_time import virtual
 
 
@@ -102,3 +103,50 @@ async def test_agent_is_recorded_and_hidden(
     agents = [note["agent"] for note in recording.notes() if note.get("agent")]
     assert agents[0].startswith("planner skill=learner reaction=1.0 pace=1.2")
     assert agents[0].endswith("seed=7")
+
+
+@virtual
+async def test_trained_policy_of_another_kitchen_takes_no_seat(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    bot = TrainedBot(ROOT / "examples/learning/weights/training_03_ippo_0.npz")
+    async with serving(tmp_path / "recordings") as server:
+        for task in ("multi_agent/02@2", "training/03@3"):
+            room = server.lobby.create(Create(task=task))
+            with pytest.raises(WrongWorldError, match=r"cannot play \w+/0\d_\w+ with [23] seats"):
+                await play_seat(SeatRequest(server.url, ("ada",), episode=room.code), bot)
+            assert not room.episode.record.used
+
+
+@virtual
+async def test_trained_policy_leaves_an_unknown_kitchen_that_it_cannot_play(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setattr("robotouille.domain.loading.task_names", lambda: ())
+    bot = TrainedBot(ROOT / "examples/learning/weights/training_03_ippo_0.npz")
+    async with serving(tmp_path / "recordings") as server:
+        room = server.lobby.create(Create(task="multi_agent/02@2"))
+        with pytest.raises(WrongWorldError, match="cannot play multi_agent/02"):
+            await play_seat(SeatRequest(server.url, ("ada",), episode=room.code), bot)
+        assert not any(seat.name for seat in room.episode.seats.values())
+
+
+@virtual
+async def test_bot_without_a_code_skips_games_that_it_cannot_play(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    bot = BotSetup(BotKind.RANDOM, seed=7)
+    async with serving(tmp_path / "recordings") as server:
+        for limit in ({"sight": 2}, {"sight_blocked": True}):
+            server.lobby.create(Create(task="synchronous/01", max_steps=3, **limit))
+        with pytest.raises(RobotouilleError, match=r"see a part of the kitchen.*\(llm\) play them"):
+            await play_seat(SeatRequest(server.url, ("ada",)), bot)
+        server.lobby.create(Create(task="synchronous/02", max_steps=3))
+        assert (await play_seat(SeatRequest(server.url, ("ada",)), bot))["reason"] == "step_limit"
+        async with connect(server.url, name="eve") as eve:
+            waiting = await eve.waiting_episode(partial=True)
+            assert waiting is not None
+            assert (waiting.sight, waiting.sight_blocked, waiting.limits_sight) == (2, False, True)

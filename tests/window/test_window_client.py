@@ -121,6 +121,14 @@ async def test_a_removed_participant_gets_the_reason(
             await look_in(server, None, None, create="multi_agent/02")
 
 
+@virtual
+async def test_a_window_opens_no_kitchen_whose_players_see_a_part_of_it(tmp_path: Path) -> None:
+    async with serving(tmp_path, sight=2) as server:
+        with pytest.raises(RobotouilleError, match="the window needs all of it"):
+            await look_in(server, None, None, create="multi_agent/02")
+        assert not server.lobby.rooms
+
+
 async def until_joined(server: Server, window: asyncio.Task[None]) -> None:
     for _ in range(100):
         await asyncio.sleep(0.1)

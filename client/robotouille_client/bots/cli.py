@@ -18,9 +18,9 @@ from robotouille_client.bots.bot_names import bot_named, is_own
 from robotouille_client.bots.kinds import (
     BotKind,
     BotSetup,
+    TrainedBot,
     bot_maker,
     given_names,
-    trained_maker,
 )
 from robotouille_client.bots.llm_options import LlmBotOptions
 from robotouille_client.console import (
@@ -109,7 +109,7 @@ def _bot(kind: str, options: BotOptions) -> _Bot:
 
     makers: dict[str, Callable[[], _Bot]] = {each: partial(shipped, each) for each in BotKind}
     makers[LLM] = partial(_language_model, options)
-    return bot_named(kind, makers, trained=partial(trained_maker, seed=options.seed), own=own)
+    return bot_named(kind, makers, trained=partial(TrainedBot, seed=options.seed), own=own)
 
 
 def _language_model(options: BotOptions) -> TextBot:

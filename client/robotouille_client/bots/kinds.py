@@ -125,21 +125,47 @@ def policy_maker(kind: BotKind, seed: int = 0, plan: Path | None = None) -> Make
     return make
 
 
-def trained_maker(path: Path, seed: int = 0) -> MakePolicy:
-    """Return a function that makes the policy of a seat from a file of `robotouille-train`.
+class TrainedBot:
+    """Maker of a seat's policy from a file of `robotouille-train`.
 
     Raises:
         FileError: The file cannot be read or is invalid.
         MissingExtraError: NumPy is not installed.
     """
-    try:
-        from robotouille.planning.policies.trained import TrainedPolicy, read_actor
-    except ModuleNotFoundError as error:
-        if error.name != "numpy":
-            raise
-        raise MissingExtraError("a trained policy", "rl") from None
-    actor = read_actor(path)
-    return lambda state, player: TrainedPolicy(actor, state, player, seed)
+
+    def __init__(self, path: Path, seed: int = 0) -> None:
+        try:
+            from robotouille.planning.policies.trained import read_actor
+        except ModuleNotFoundError as error:
+            if error.name != "numpy":
+                raise
+            raise MissingExtraError("a trained policy", "rl") from None
+        self._actor = read_actor(path)
+        self._seed = seed
+
+    def __call__(self, state: State, player: str) -> Policy:
+        """Return the policy of a player.
+
+        Raises:
+            WrongWorldError: It was trained for another kitchen.
+        """
+        from robotouille.planning.policies.trained import TrainedPolicy
+
+        return TrainedPolicy(self._actor, state, player, self._seed)
+
+    def check(self, task: str, seats: int) -> None:
+        """Check a shipped task before a seat is taken. Other tasks are known only in the game.
+
+        Raises:
+            WrongWorldError: The policy was trained for another kitchen.
+        """
+        from robotouille.domain.loading import load_task, task_names
+        from robotouille.world.world import World
+
+        # The name comes from a server, so nothing but a shipped task is loaded.
+        if f"{task}@{seats}" != self._actor.task and task in task_names():
+            start = World(load_task(task, seats=seats)).initial
+            self(start, start.world.players[0])
 
 
 def _planner_maker(

@@ -8,11 +8,11 @@ from contextlib import AbstractAsyncContextManager, suppress
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, runtime_checkable
 
-from robotouille.errors import ProtocolError, RobotouilleError
+from robotouille.errors import ProtocolError, RobotouilleError, WrongWorldError
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille.protocol.messages import Kind, View
 from robotouille.terminal import printable, tell
-from robotouille_client.bots.kinds import BotSetup, bot_maker
+from robotouille_client.bots.kinds import BotSetup, TrainedBot, bot_maker
 from robotouille_client.bots.own_policy import OwnPolicyError
 from robotouille_client.bots.seat_policy import MakePolicy, play, step_seconds
 from robotouille_client.client import Client, connect
@@ -100,7 +100,8 @@ async def play_seat(
 
         return await _take_seat(request, play_shipped, _Joining(agent=setup.agent))
     make_policy = bot
-    return await _take_seat(request, lambda game: play(game, make_policy), _Joining())
+    check = bot.check if isinstance(bot, TrainedBot) else None
+    return await _take_seat(request, lambda game: play(game, make_policy), _Joining(check=check))
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,17 +109,24 @@ class _Joining:
     """The view, the kind and the description with which a bot joins.
 
     `partial` is true if the bot can play with a part of the state. Shipped bots plan on all of it.
+    `check` raises an error if the bot cannot play a task with a number of seats.
     """
 
     view: View = "state"
     kind: Kind = "bot"
     agent: str = ""
     partial: bool = False
+    check: Callable[[str, int], None] | None = None
+
+    @property
+    def needs_whole(self) -> bool:
+        """True if servers refuse the bot where players see a part of the kitchen."""
+        return self.view != "text" and not self.partial
 
 
 async def _take_seat(request: SeatRequest, player: Player, joining: _Joining) -> Mapping[str, Any]:
     kind = joining.kind
-    code = request.episode or await _waiting_code(request, kind)
+    code = request.episode or await _waiting_code(request, joining)
     with kept_seat_of(state_folder(), request.url, code, request.names) as (name, kept):
         asked = (request.seat,) if request.seat is not None else request.seats
         resume = kept.token_for(asked) if kept is not None else None
@@ -152,21 +160,26 @@ async def _has_rematch(client: Client, game: Game) -> bool:
     return False
 
 
-async def _waiting_code(request: SeatRequest, kind: Kind) -> str:
-    name = request.names[0]
+async def _waiting_code(request: SeatRequest, joining: _Joining) -> str:
+    name, kind = request.names[0], joining.kind
     async with connect(request.url, name=name, kind=kind, token=request.token) as client:
-        waiting = await client.waiting_episode()
-    if waiting is None:
-        raise RobotouilleError("no episode waits for players; name one with --episode CODE")
-    return waiting.code
+        waiting = await client.waiting_episode(partial=not joining.needs_whole)
+        if waiting is not None:
+            return waiting.code
+        if joining.needs_whole and await client.waiting_episode(partial=True) is not None:
+            raise RobotouilleError(
+                "the players of all waiting episodes see a part of the kitchen, and this bot needs "
+                "all of it; language models (llm) play them"
+            )
+    raise RobotouilleError("no episode waits for players; name one with --episode CODE")
 
 
 async def _join(
     client: Client, code: str, request: SeatRequest, joining: _Joining, kept: KeptSeat | None
 ) -> Game:
     seats = request.seats
-    if seats:
-        await _require_waiting_world(client, code)
+    if seats or joining.check is not None:
+        await _check_episode(client, code, request, joining)
     try:
         game = await client.join(
             code,
@@ -184,7 +197,9 @@ async def _join(
     return game
 
 
-async def _require_waiting_world(client: Client, code: str) -> None:
+async def _check_episode(
+    client: Client, code: str, request: SeatRequest, joining: _Joining
+) -> None:
     # Only hosts may list episodes. Others find out after joining.
     try:
         episodes = await client.episodes()
@@ -192,8 +207,12 @@ async def _require_waiting_world(client: Client, code: str) -> None:
         if error.code != ErrorCode.AUTH_ROLE:
             raise
         return
-    if any(e.clock == "realtime" for e in episodes if code in (e.code, e.episode)):
-        raise _real_time_error(code)
+    for episode in episodes:
+        if code in (episode.code, episode.episode):
+            if request.seats and episode.clock == "realtime":
+                raise _real_time_error(code)
+            if joining.check is not None:
+                joining.check(episode.task, len(episode.seats))
 
 
 def _real_time_error(code: str) -> RobotouilleError:
@@ -222,7 +241,7 @@ async def _play(
     tasks = [asyncio.create_task(each) for each in background]
     try:
         return await player(game)
-    except OwnPolicyError:
+    except (OwnPolicyError, WrongWorldError):
         await _leave(client, kept)
         raise
     finally:

@@ -196,6 +196,8 @@ def listed_row(info: messages.EpisodeInfo, now: datetime) -> dict[str, Any]:
         "max_steps": info.max_steps,
         "seats": "; ".join(seats),
         "spectators": info.spectators,
+        "sight": "" if info.sight is None else info.sight,
+        "sight_blocked": str(info.sight_blocked).lower(),
         "created": iso_time(info.created),
         "closes": closes,
         "reason": info.reason,

@@ -90,11 +90,15 @@ class Unattended:
     screenshot_step: int | None
 
 
-async def _find_code(client: Client, opening: Opening | None) -> str:
+async def _find_code(client: Client, entry: JoinOptions) -> str:
     """Open an episode, or find the first one that waits for players; return its code."""
-    if opening is not None:
-        return (await client.create(opening.task, **opening.rules)).code
-    waiting = await client.waiting_episode()
+    from robotouille_client.window.app.server_menus import require_whole_kitchens
+
+    if entry.opening is not None:
+        if not entry.watch:
+            require_whole_kitchens(client)
+        return (await client.create(entry.opening.task, **entry.opening.rules)).code
+    waiting = await client.waiting_episode(partial=entry.watch)
     if waiting is None:
         raise RobotouilleError(
             "no episode is waiting for players; use --create TASK, or watch one by its code"
@@ -114,7 +118,7 @@ async def run_unattended(entry: JoinOptions, name: str, shown: Unattended) -> No
     code = entry.code
     if code is None:
         async with connect(entry.url, name=name, kind="human", token=entry.token) as client:
-            code = await _find_code(client, entry.opening)
+            code = await _find_code(client, entry)
     opened = remote_game(
         entry.url, code, name, seat=entry.seat, watch=entry.watch, token=entry.token
     )
@@ -334,7 +338,7 @@ async def _enter(games: RemoteGames, entry: JoinOptions) -> object:
     """Show the requested episode."""
     code = entry.code
     if code is None:
-        code = await games.ask_server(lambda client: _find_code(client, entry.opening), entry.url)
+        code = await games.ask_server(lambda client: _find_code(client, entry), entry.url)
     if not code:
         return None
     with _pointing_at_watch():

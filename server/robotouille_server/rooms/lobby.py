@@ -518,6 +518,8 @@ def info(room: Room, labels: Mapping[str, str]) -> messages.EpisodeInfo:
         max_steps=rules.max_steps,
         seats=room.broadcaster.seats(),
         spectators=room.spectators,
+        sight=rules.sight,
+        sight_blocked=rules.sight_blocked,
         labels=dict(labels),
         created=room.created if labels or room.reserved else "",
         closes=room.closes_in if outcome is None else None,

@@ -310,6 +310,12 @@ class EpisodeInfo(FromServer):
     max_steps: int = Field(description="The step limit.")
     seats: list[SeatInfo] = Field(description="The seats, in the order of the task's players.")
     spectators: int = Field(default=0, description="Number of spectators.")
+    sight: int | None = Field(
+        default=None, description="Number of tiles that players see; null: any number."
+    )
+    sight_blocked: bool = Field(
+        default=False, description="True if stations hide from players what is behind them."
+    )
     labels: dict[str, str] = Field(
         default={}, description="The episode's labels; only for its creator and for operators."
     )
@@ -324,6 +330,11 @@ class EpisodeInfo(FromServer):
     )
     reason: str = Field(default="", description="The outcome's reason; empty before the end.")
     detail: str = Field(default="", description="The outcome's explanation for people.")
+
+    @property
+    def limits_sight(self) -> bool:
+        """True if players see a part of the kitchen."""
+        return self.sight is not None or self.sight_blocked
 
 
 class SeatAnswer(FromServer):

@@ -493,6 +493,11 @@ class Welcome(FromServer):
     readiness: bool = Field(
         default=False, description="True if the server supports `ready`, also in `join`."
     )
+    limits_sight: bool = Field(
+        default=False,
+        description="True if players see a part of the kitchen in episodes that are opened without "
+        "`sight` and `sight_blocked`.",
+    )
     workers: list[WorkerAddress] = Field(
         default=[],
         description="For hosts and operators of a server with several processes: all of them. "

@@ -117,7 +117,7 @@ class RemoteGames:
             if answer == "back":
                 return None
             if isinstance(answer, EpisodeInfo):
-                full = all(seat.name for seat in answer.seats)
+                full = answer.limits_sight or all(seat.name for seat in answer.seats)
                 try:
                     return await self.join(answer.code, watch=full and answer.code not in own)
                 except (RobotouilleError, OSError, ValueError) as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
 
+from robotouille.errors import RobotouilleError
 from robotouille.protocol.messages import Created, EpisodeInfo
 from robotouille_client.client import Client
 from robotouille_client.window.app.bot_crew import CrewOptions
@@ -82,6 +83,7 @@ class OpenMenu:
 
     async def create(self, client: Client) -> Created:
         """Open the chosen kitchen."""
+        require_whole_kitchens(client)
         return await client.create(
             self._task.task,
             seats=self._task.seats,
@@ -161,11 +163,26 @@ class LobbyMenu:
         self.form.set_rows(self._ends)
 
 
+def require_whole_kitchens(client: Client) -> None:
+    """Check that a window can play the kitchens that a server opens.
+
+    Raises:
+        RobotouilleError: Their players see a part of the kitchen, and windows need all of it.
+    """
+    if client.limits_sight:
+        raise RobotouilleError(
+            "players of this server see a part of the kitchen, and the window needs all of it; "
+            "language models (robotouille-bot llm) play there"
+        )
+
+
 def episode_words(episode: EpisodeInfo, own: bool = False) -> str:
     """Return a line about a kitchen; `own` means that a seat is kept for the player."""
     there = ", ".join(seat.name for seat in episode.seats if seat.name) or "empty"
     free = sum(not seat.name for seat in episode.seats)
     room = f"{free} free" if free else "full (watch)"
+    if episode.limits_sight:
+        room = "players see a part of it (watch)"
     if own:
         room = "your seat is kept for you"
     return f"{task_title(episode.task)} · {episode.phase} · {there} · {room}"

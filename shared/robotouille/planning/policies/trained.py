@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotouille.domain.files import open_regular
-from robotouille.errors import Fault, FileError, RobotouilleError
+from robotouille.errors import Fault, FileError, RobotouilleError, WrongWorldError
 from robotouille.planning.policies.policy import Did
 from robotouille.world.arrays.encoding import Encoding
 from robotouille.world.grounding.actions import GroundAction
@@ -184,7 +184,8 @@ class TrainedPolicy:
         greedy: Take the most probable action instead.
 
     Raises:
-        RobotouilleError: The actor was trained for another kitchen or another number of seats.
+        WrongWorldError: The actor was trained for another kitchen or another number of seats.
+        RobotouilleError: The actor's network does not fit its kitchen.
     """
 
     def __init__(
@@ -192,7 +193,7 @@ class TrainedPolicy:
     ) -> None:
         world = state.world
         if layout_of(world.encoding, world.players) != actor.layout:
-            raise RobotouilleError(
+            raise WrongWorldError(
                 f"{actor.name} was trained for {actor.task} and cannot play {world.task.name} "
                 f"with {len(world.players)} seats"
             )
