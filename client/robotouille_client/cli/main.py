@@ -101,7 +101,7 @@ class _Commands(LazyGroup):
         ),
         "benchmark": LazyCommand(
             "robotouille_evaluation.cli.benchmark:benchmark",
-            "Evaluate agents on packs of tasks: run, resume, report, compare.",
+            "Evaluate agents on packs of tasks: run, resume, measure, report, compare.",
         ),
         "cross-play": LazyCommand(
             "robotouille_evaluation.cli.cross_play:cross_play",
