@@ -17,7 +17,12 @@ import psutil
 import pytest
 
 from robotouille import RobotouilleError, State, World
-from robotouille.certification.certificate import ExpansionBudget, content_hash, read_certificate
+from robotouille.certification.certificate import (
+    ExpansionBudget,
+    content_hash,
+    read_certificate,
+    write_certificate,
+)
 from robotouille.certification.certifying import certify_dataset, check_dataset
 from robotouille.certification.dataset import MANIFEST, CertifyingOutcome, Running, read_dataset
 from robotouille.installation import data_folder
@@ -258,6 +263,29 @@ def test_sample_is_proven_again(folder: Path) -> None:
     assert one == same
     assert (len(one), len(all_of_them)) == (1, 3)
     assert one[0].endswith("the bound could not be proven again")
+
+
+@pytest.mark.parametrize(
+    ("spent", "words"),
+    [
+        (ExpansionBudget(), "limits.expansions: is unlimited, expected at most 2,000,000"),
+        (ExpansionBudget(expansions=9), "limits.states: is unlimited, expected at most 6,000,000"),
+        (ExpansionBudget(expansions=9**9, states=9), "limits.expansions: is 387,420,489, expected"),
+    ],
+)
+def test_sample_refuses_certificates_with_larger_budgets(
+    certified: Path, folder: Path, spent: ExpansionBudget, words: str
+) -> None:
+    shutil.copytree(certified, folder, dirs_exist_ok=True)
+    for path in folder.rglob("*.certificate.json"):
+        draft = read_certificate(path).model_copy(update={"limits": spent})
+        write_certificate(draft.model_copy(update={"digest": draft.content}), path)
+
+    def never(*_: Any, **options: Any) -> SearchResult:
+        raise AssertionError(f"a search without limits: {options}")
+
+    faults = check_dataset(folder, never, sample=9).faults
+    assert sum(words in fault for fault in faults) == 3
 
 
 PROGRAM = """

@@ -46,7 +46,11 @@ class CertifyOptions:
     ] = 0
     seed: Annotated[int, typer.Option(help="Seed for choosing the instances of --sample.")] = 0
     expansions: Annotated[
-        int, typer.Option(min=0, help="Search budget for each instance, in expansions.")
+        int,
+        typer.Option(
+            min=0,
+            help="Search budget for each instance, in expansions. --sample refuses larger ones.",
+        ),
     ] = BUDGET.expansions or 0
     states: Annotated[
         int,
@@ -94,21 +98,22 @@ def certify(
 
 
 def _report(folder: Path, options: CertifyOptions, progress: Tell | None) -> DatasetReport:
+    budget = ExpansionBudget(
+        expansions=options.expansions, states=options.states, seconds=options.timeout
+    )
     if options.check:
         return check_dataset(
             folder,
             optimal.solve,
             sample=options.sample,
             seed=options.seed,
-            seconds=options.timeout,
+            budget=budget,
             tell=progress,
         )
     return certify_dataset(
         folder,
         optimal.solve,
-        budget=ExpansionBudget(
-            expansions=options.expansions, states=options.states, seconds=options.timeout
-        ),
+        budget=budget,
         jobs=options.jobs,
         ignore_existing=options.ignore_existing,
         tell=progress,

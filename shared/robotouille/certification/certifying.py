@@ -243,7 +243,7 @@ def check_dataset(
     *,
     sample: int = 0,
     seed: int = 0,
-    seconds: float | None = None,
+    budget: ExpansionBudget = BUDGET,
     tell: Tell | None = None,
 ) -> DatasetReport:
     """Check every certificate of a folder and its manifest: hashes, plans and claims.
@@ -253,7 +253,7 @@ def check_dataset(
     Args:
         solver: Planner that proves bounds again.
         sample: Number of bounds, chosen by `seed`, to prove again with their certificates' budgets.
-        seconds: Maximum time of each of these proofs.
+        budget: Largest budget of each of these proofs. A certificate with a larger one is a fault.
         tell: Callback for progress.
 
     Raises:
@@ -270,10 +270,24 @@ def check_dataset(
     faults = [*_stray_faults(dataset), *_manifest_faults(dataset, valid)]
     for instance in random.Random(seed).sample(sorted(valid), min(sample, len(valid))):
         found = valid[instance]
-        limits = found.limits.model_copy(update={"seconds": seconds}).limits()
+        path = folder / instance.certificate
+        if excess := _excess(found.limits, budget):
+            faults.append(f"{path}: {excess}")
+            continue
+        limits = found.limits.model_copy(update={"seconds": budget.seconds}).limits()
         if not prove_again(found, dataset.task(instance), solver, limits):
-            faults.append(f"{folder / instance.certificate}: the bound could not be proven again")
+            faults.append(f"{path}: the bound could not be proven again")
     return report_of(dataset, outcomes, *faults)
+
+
+def _excess(spent: ExpansionBudget, allowed: ExpansionBudget) -> str:
+    """Return why a budget is too large to be spent again, or an empty string."""
+    for name in ("expansions", "states"):
+        most, found = getattr(allowed, name), getattr(spent, name)
+        if most is not None and (found is None or found > most):
+            number = "unlimited" if found is None else f"{found:,}"
+            return f"limits.{name}: is {number}, expected at most {most:,}; not proven again"
+    return ""
 
 
 def _checked(dataset: Dataset, instance: DatasetEntry) -> CertifyingOutcome:
