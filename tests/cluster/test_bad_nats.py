@@ -1,4 +1,4 @@
-"""NATS servers that are too old, full or without JetStream."""
+"""NATS servers that are too old, full or without JetStream, and buckets deleted in play."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import pytest
 from nats.errors import TimeoutError as NatsTimeoutError
 from nats.js import JetStreamContext
 from nats.js.errors import APIError, NotFoundError, ServiceUnavailableError
+from nats.js.object_store import ObjectStore
 
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.nats_address import NatsAddress
@@ -155,3 +156,82 @@ async def test_games_wait_while_jetstream_is_full(tmp_path: Path, servers: int) 
         assert found.ok
         assert found.complete
         assert found.steps == 6
+
+
+async def exists(jetstream: JetStreamContext, stream: str) -> None:
+    """Wait until the nodes have created a stream again."""
+    async with asyncio.timeout(PATIENCE):
+        while True:
+            with suppress(APIError):
+                await jetstream.stream_info(stream)
+                return
+            await asyncio.sleep(0.1)
+
+
+async def stored(files: ObjectStore) -> None:
+    """Wait until there is a file."""
+    async with asyncio.timeout(PATIENCE):
+        while True:
+            with suppress(NotFoundError):
+                if await files.list():
+                    return
+            await asyncio.sleep(0.1)
+
+
+@pytest.mark.parametrize(
+    "stream",
+    [
+        "KV_robotouille_nodes",
+        "KV_robotouille_episodes",
+        "KV_robotouille_shared",
+        "OBJ_robotouille_recordings",
+    ],
+)
+async def test_game_goes_on_after_a_bucket_was_deleted(tmp_path: Path, stream: str) -> None:
+    folders = tmp_path / "a", tmp_path / "b"
+    with nats_cluster(tmp_path / "nats", 1) as servers:
+        async with (
+            node(servers.urls, folders[0]) as server,
+            node(servers.urls, folders[1]) as other,
+            connect(server.url, name="ada") as ada,
+            connect(other.url, name="bob") as bob,
+            operator(servers.urls) as jetstream,
+        ):
+            games = await two_players(ada, bob)
+            await step(*games)
+            await delete(jetstream, stream)
+            await step(*games)
+            await exists(jetstream, stream)
+            for _ in range(4):
+                await step(*games)
+            assert games[0].ended
+            await until(lambda: bool(list(tmp_path.glob("*/*.rbt"))))
+            (path,) = tmp_path.glob("*/*.rbt")
+            async with connect(other.url, name="cy") as cy, connect(server.url, name="di") as di:
+                await step(*await two_players(cy, di))
+            keys = await jetstream.key_value("robotouille_shared")
+            assert (await keys.get("keys")).value
+            files = await jetstream.object_store("robotouille_recordings")
+            await stored(files)
+        found = read_recording(path).verify()
+        assert (found.ok, found.complete, found.steps) == (True, True, 6)
+
+
+async def test_new_games_open_after_the_journals_were_deleted(tmp_path: Path) -> None:
+    folder = tmp_path / "recordings"
+    with nats_cluster(tmp_path / "nats", 1) as servers:
+        async with (
+            node(servers.urls, folder) as server,
+            connect(server.url, name="ada") as ada,
+            connect(server.url, name="bob") as bob,
+            operator(servers.urls) as jetstream,
+        ):
+            games = await two_players(ada, bob)
+            await step(*games)
+            await delete(jetstream, "robotouille_journal")
+            async with asyncio.timeout(PATIENCE):
+                await step(*games)
+            assert games[0].ended
+            assert "it has ended" in games[0].farewell
+            async with connect(server.url, name="cy") as cy, connect(server.url, name="di") as di:
+                await step(*await two_players(cy, di))

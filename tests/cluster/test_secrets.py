@@ -213,6 +213,34 @@ async def test_deleted_value_is_stored_again(pair: tuple[Node, Node], shared: Sh
     assert load(one.keys) == load(two.keys) == keys
 
 
+async def test_deleted_bucket_is_filled_again(pair: tuple[Node, Node], shared: Shared) -> None:
+    one, two = pair
+    one.revoke("a")
+    await one.secrets.share_changes()
+    await one.secrets.use("t", "ada", NOW + 60)
+    before = set(shared.entries)
+    shared.delete()
+    await asyncio.gather(two.secrets.restore(), one.secrets.restore())
+    assert set(shared.entries) == before
+    rotate(one.keys)
+    two.revoke("b")
+    await asyncio.gather(two.secrets.share_changes(), one.secrets.share_changes())
+    assert load(one.keys) == load(two.keys)
+    assert set(load_revoked(one.revoked)) == {"a", "b"}
+
+
+async def test_restoring_an_intact_bucket_changes_nothing(
+    pair: tuple[Node, Node], shared: Shared
+) -> None:
+    one, _ = pair
+    one.revoke("a")
+    await one.secrets.share_changes()
+    await one.secrets.use("t", "ada", NOW + 60)
+    revision = shared.revision
+    await one.secrets.restore()
+    assert shared.revision == revision
+
+
 async def test_removed_files_are_written_again(pair: tuple[Node, Node]) -> None:
     one, two = pair
     one.revoke("a")

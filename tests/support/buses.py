@@ -414,6 +414,9 @@ class SimulatedBus:
     async def prepare(self) -> None:
         await self._ask(lambda: None)
 
+    async def intact(self) -> bool:
+        return True  # Nobody deletes buckets of the simulated NATS.
+
     async def last(self, subject: str) -> Stored | None:
         messages = await self._ask(lambda: self._storage.read(subject))
         return messages[-1] if messages else None

@@ -42,6 +42,12 @@ class Shared:
             link.deliver()
         return self.revision
 
+    def delete(self) -> None:
+        """Delete the bucket and create an empty one, of which no node receives changes."""
+        self.entries, self.revision = {}, 0
+        for link in self.links:
+            link.forget()
+
 
 class Link:
     """Connection of one node, with the part of `Bus` that concerns buckets.
@@ -56,6 +62,9 @@ class Link:
         self._shared = shared
         self._changed: list[Changed] = []
         shared.links.append(self)
+
+    def forget(self) -> None:
+        self.pending, self._changed = [], []
 
     def deliver(self) -> None:
         while self.pending and self.up and not self.deaf:
@@ -102,7 +111,7 @@ class Link:
     async def watch(self, bucket: Bucket, changed: Changed) -> None:
         assert bucket is Bucket.SHARED
         await self._reach()
-        self._changed.append(changed)
+        self._changed = [changed]
         self.pending = []
         for key, entry in list(self._shared.entries.items()):
             changed(key, entry)

@@ -98,6 +98,13 @@ class Bus(Protocol):
     async def prepare(self) -> None:
         """Create journals and buckets that do not exist; raise RobotouilleError."""
 
+    async def intact(self) -> bool:
+        """Return whether all journals and buckets are those of the last `prepare`.
+
+        If an operator has deleted some, watches report nothing any more, even if another node has
+        created them again.
+        """
+
     def append(self, message: Append, done: Callable[[int | BusError], None]) -> None:
         """Append a message to a journal.
 

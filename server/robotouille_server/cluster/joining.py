@@ -107,7 +107,13 @@ async def joined_through(
         ring = Keyring.parse(settings.signing_keys.get_secret_value())
         digest = partial(keys_digest, ring.keys)
     parts = NodeParts(
-        storage, metrics, around.wall, settings.recovery_seconds, shared.share_changes, digest
+        storage,
+        metrics,
+        around.wall,
+        settings.recovery_seconds,
+        every_second=shared.share_changes,
+        restore=shared.restore,
+        keys=digest,
     )
     name = f"{around.randomness.getrandbits(64):016x}"
     try:

@@ -297,6 +297,8 @@ class ReplicatedJournal:
             # The answer comes from a server that is behind the others.
             write.retry_at = self._loop.time() + RETRY_SECONDS
         else:
+            if last is None:
+                get_logger().error("the journal was deleted in NATS", file=self.name)
             self._keeper.fenced(self)
 
     def look(self, now: float) -> None:

@@ -9,6 +9,7 @@ import re
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
+from datetime import datetime
 from functools import partial
 from typing import Any
 
@@ -115,6 +116,7 @@ class NatsBus:
         self._tasks: set[asyncio.Task[None]] = set()
         self._lost_reason = ""
         self._errors = NatsErrors()
+        self._created: list[datetime | None] = []
 
     @property
     def connected(self) -> bool:
@@ -228,13 +230,31 @@ class NatsBus:
         async with self._errors.explained(REPLICAS):
             with contextlib.suppress(_InUseError):
                 await _or_in_use(partial(self._js.create_object_store, self._recordings, files))
-        streams = [self._stream, *(f"KV_{self._prefix}_{bucket}" for bucket in Bucket)]
         # A stream that another node has just created has no leader, and drops requests.
         quick = self._nats.jetstream(timeout=LEADER_SECONDS)
-        for stream in streams:
+        for stream in self._streams[:-1]:
             async with self._errors.explained(REPLICAS):
                 with contextlib.suppress(NotFoundError):
                     await _until_answered(partial(quick.get_last_msg, stream, "any"))
+        async with self._errors.explained(REPLICAS):
+            self._created = await self._creation_times()
+
+    @property
+    def _streams(self) -> list[str]:
+        """Names of all streams: of the journals, of the buckets, and of the files at the end."""
+        buckets = (f"KV_{self._prefix}_{bucket}" for bucket in Bucket)
+        return [self._stream, *buckets, f"OBJ_{self._recordings}"]
+
+    async def _creation_times(self) -> list[datetime | None]:
+        infos = [await self._js.stream_info(stream) for stream in self._streams]
+        return [info.created for info in infos]
+
+    async def intact(self) -> bool:
+        async with self._errors.translated():
+            try:
+                return await self._creation_times() == self._created
+            except NotFoundError:
+                return False
 
     @property
     def _stream(self) -> str:

@@ -85,6 +85,7 @@ class NodeParts:
         wall: Returns the seconds since 1970.
         recovery_seconds: The seconds for which claimed episodes wait for their players.
         every_second: Called once a second, for the secrets that nodes share.
+        restore: Called after an operator may have deleted these secrets in NATS.
         keys: Returns a digest of the keys that sign tokens.
     """
 
@@ -93,6 +94,7 @@ class NodeParts:
     wall: Callable[[], float] = time.time
     recovery_seconds: float = 10.0
     every_second: Callable[[], Awaitable[None]] | None = None
+    restore: Callable[[], Awaitable[None]] | None = None
     keys: Callable[[], str] = str
 
 
@@ -197,6 +199,7 @@ class ClusterNode:
         await until_available(self._renew)
         self._start(self._beat())
         self._start(self._maintain())
+        self._start(self._inspect())
         self._start(self._share())
         self._start(self._look())
         self._start(Strays(self.bus, self.directory).run(self._is_first))
@@ -321,6 +324,18 @@ class ClusterNode:
             except Exception:
                 get_logger().exception("the cluster's buckets not tidied")
 
+    async def _inspect(self) -> None:
+        """Notice that an operator has deleted streams or buckets."""
+        while True:
+            await asyncio.sleep(REPAIR_SECONDS)
+            try:
+                if not await self.bus.intact():
+                    get_logger().error("streams or buckets of the cluster were deleted")
+                    self._suspect = True
+            except BusError as error:
+                get_logger().debug("the cluster's buckets not inspected", error=str(error))
+            self._suspect |= bool(self._unrepaired)
+
     async def _without_bus_safely(self, error: BusError) -> None:
         try:
             await self._without_bus(error)
@@ -342,11 +357,13 @@ class ClusterNode:
         self._suspect = True
 
     async def _repair(self) -> None:
-        """Create the buckets that an operator has deleted, and enter this node's episodes again."""
+        """Create what an operator has deleted, and enter what this node knows again."""
         self._suspect = False
         try:
             await self.bus.prepare()
             await self.join()
+            if self._parts.restore is not None:
+                await self._parts.restore()
             for record in self.directory:
                 if record.node == self.name:
                     await self.directory.replace(record)

@@ -76,7 +76,32 @@ class SharedSecrets:
         if self._keys is not None:
             await self._keys.join()
         self._revoked.prepare()
-        await self._bus.watch(Bucket.SHARED, self._changed)
+        await self._watch()
+        await self.share_changes()
+
+    async def _watch(self) -> set[str]:
+        """Watch the bucket; return the names of the values in it."""
+        found, complete = set[str](), False
+
+        def changed(name: str, entry: Entry | None) -> None:
+            if not complete:
+                found.add(name)
+            self._changed(name, entry)
+
+        await self._bus.watch(Bucket.SHARED, changed)
+        complete = True
+        return found
+
+    async def restore(self) -> None:
+        """Store what this node knows again, if an operator has deleted the bucket.
+
+        Raises:
+            BusError: The cluster cannot be reached.
+        """
+        # In a new bucket, revisions begin again.
+        self._changed(KEYS, None)
+        self._changed(REVOKED, None)
+        await self._used.restore(await self._watch())
         await self.share_changes()
 
     async def share_changes(self) -> None:

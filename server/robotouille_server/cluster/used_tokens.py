@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from contextlib import suppress
 
 from robotouille.errors import RobotouilleError
@@ -79,6 +79,17 @@ class SharedUses:
         if entry is not None:
             _use(name, entry).check(session)
             await self._bus.delete(Bucket.SHARED, name)
+
+    async def restore(self, found: Container[str]) -> None:
+        """Record the known uses that are missing in the bucket again.
+
+        Args:
+            found: The names in the bucket.
+        """
+        for name, use in list(self._known.items()):
+            if name not in found and not use.outdated(self._wall()):
+                with suppress(ConflictError):
+                    await self._bus.create(Bucket.SHARED, name, use.model_dump_json().encode())
 
     async def forget_outdated(self) -> None:
         """Delete the uses of tokens that have expired, a few at a time."""
