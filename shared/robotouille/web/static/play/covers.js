@@ -4,7 +4,7 @@ import { won } from "../kitchen/painter.js";
 import { socketAddress } from "./connection.js";
 import { byId, element, now, setText } from "./dom.js";
 import { seatMark, seatWords } from "./panel.js";
-import { listed, text } from "./texts.js";
+import { clock, listed, text } from "./texts.js";
 
 /** @typedef {import("./game.js").Game} Game */
 /**
@@ -14,6 +14,8 @@ import { listed, text } from "./texts.js";
  */
 
 const STARS = 3;
+/** Seconds for which a waiting room stays open without players (episode/presence.py). */
+const LOBBY_SECONDS = 600;
 /** Names of this machine, where a person can start a bot. */
 const LOCAL = new Set(["localhost", "127.0.0.1", "[::1]"]);
 
@@ -87,23 +89,25 @@ export class Cover {
         element("span", { class: "faint" }, [marks, text(state)].filter(Boolean).join(", ")),
       );
     });
-    const made = slip(text("lobby"), element("p", {}, waiting(game)), element("ul", {}, ...rows));
+    this.ticking = element("p", { role: "timer" });
+    const made = slip(text("lobby"), this.ticking, element("ul", {}, ...rows));
     const goal = game.task?.problem.goal_description;
     if (goal) made.append(element("p", {}, String(goal)));
+    const touch = matchMedia("(pointer: coarse)").matches;
+    if (game.me !== null) made.append(element("p", {}, text(touch ? "howTouch" : "howKeys")));
     const ready = game.seat?.ready ?? true;
-    const share = button(text("copy"), () => this.answers.share());
+    const choose = game.me !== null &&
+      button(text(ready ? "notReady" : "ready"), () => this.answers.ready(!ready), !ready);
     const others = game.seats.length > 1;
+    const share = others && button(text("copy"), () => this.answers.share());
+    made.append(element("p", { class: "buttons" }, choose, share));
     if (others) made.append(element("p", { class: "faint" }, text("lobbyCode", { code: game.code })));
     const free = game.seats.some((seat) => !seat.name);
     if (free && this.answers.mayRepeat && LOCAL.has(location.hostname)) {
       const command = `robotouille-bot planner --stay --episode ${game.code} --url ${socketAddress(location.href)}`;
       made.append(element("p", { class: "faint" }, text("lobbyBot"), " ", element("code", {}, command)));
     }
-    const touch = matchMedia("(pointer: coarse)").matches;
-    if (game.me !== null) made.append(element("p", {}, text(touch ? "howTouch" : "howKeys")));
-    const choose = game.me !== null &&
-      button(text(ready ? "notReady" : "ready"), () => this.answers.ready(!ready), !ready);
-    made.append(element("p", { class: "buttons" }, choose, others && share));
+    made.append(element("p", { class: "faint" }, timeouts(game)));
     return made;
   }
 
@@ -133,6 +137,9 @@ export class Cover {
   /** Return the text of a countdown. @param {string} kind */
   counted(kind) {
     const { game } = this;
+    if (kind === "lobby") {
+      return `${waiting(game)} · ${text("waited", { time: clock(now() - game.waitingSince) })}`;
+    }
     if (kind === "count") {
       const left = Math.ceil((game.startsAt ?? 0) - now());
       return left > 0 ? String(left) : text("go");
@@ -194,6 +201,13 @@ export function waiting(game) {
   const whom = [...late.map((seat) => seat.name), ...more];
   if (!whom.length && game.seat && !game.seat.ready) return text("waitingReady");
   return text("waiting", { whom: whom.length ? listed(whom) : text("others") });
+}
+
+/** Return for how long the server keeps a game that has not started, and its seats. @param {Game} game */
+function timeouts({ me, clock: { grace = 0 } }) {
+  const minutes = Math.round(Math.max(grace, LOBBY_SECONDS) / 60);
+  const kitchen = text("staysOpen", { minutes });
+  return me === null ? kitchen : `${kitchen} ${text("keepsSeat", { seconds: grace })}`;
 }
 
 /** Return an outcome in words. @param {Record<string, any> | null} outcome */

@@ -59,6 +59,8 @@ export class Game {
     /** @type {{reason: string, left: number | null} | null} */
     this.pause = null;
     this.pausedAt = 0;
+    /** When this page came into the waiting room. */
+    this.waitingSince = now();
     /** @type {number | null} The end of the countdown. */
     this.startsAt = null;
     /** @type {string | null} */

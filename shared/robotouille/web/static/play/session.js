@@ -13,7 +13,7 @@ import { loadLook } from "./look.js";
 import { Chat, showSeats } from "./panel.js";
 import { nextAddress, obeyParent, tellParent } from "./parent.js";
 import { keepSeat, seatKey, seatToken } from "./storage.js";
-import { text } from "./texts.js";
+import { clock, text } from "./texts.js";
 import { Ticket } from "./ticket.js";
 
 /** @typedef {import("./connection.js").Message} Message */
@@ -248,7 +248,7 @@ export class Session {
     const { orders } = game.state ?? {};
     const points = orders ? `${text("points", { points: orders.score })} · ` : "";
     const seconds = game.outcome ? 0 : (limit - game.step) * (game.stepSeconds ?? 0);
-    setText(byId("progress"), points + (seconds ? text("timeLeft", { time: clock(seconds) }) : steps));
+    setText(byId("progress"), points + (seconds ? text("timeLeft", { time: clock(Math.ceil(seconds)) }) : steps));
     byId("progress").title = steps;
   }
 
@@ -510,10 +510,4 @@ function change(
   }
   if (!seat.name || old.present === seat.present) return "";
   return text(seat.present ? "back" : "away", { name: seat.name });
-}
-
-/** Return a duration as `m:ss`. @param {number} seconds */
-function clock(seconds) {
-  const whole = Math.max(0, Math.ceil(seconds));
-  return `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}`;
 }

@@ -35,6 +35,15 @@ export function text(key, fields = {}) {
   return (texts[key] ?? key).replace(/\{(\w+)\}/g, (_, name) => String(fields[name] ?? ""));
 }
 
+/** Return a duration as `m:ss` or `h:mm:ss`. @param {number} seconds */
+export function clock(seconds) {
+  const whole = Math.max(0, Math.floor(seconds));
+  const [hours, minutes] = [Math.floor(whole / 3600), Math.floor(whole / 60) % 60];
+  const padded = (/** @type {number} */ number) => String(number).padStart(2, "0");
+  const short = `${hours ? padded(minutes) : minutes}:${padded(whole % 60)}`;
+  return hours ? `${hours}:${short}` : short;
+}
+
 /** Return names as a list, such as `Ada, Ben, Cem`. @param {string[]} names */
 export const listed = (names) =>
   new Intl.ListFormat(document.documentElement.lang, { type: "conjunction" }).format(names);

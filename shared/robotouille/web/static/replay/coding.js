@@ -1,8 +1,7 @@
 // Labels of a codebook on moments and spans, by one coder, saved as a file.
 
 import { element, setText } from "../play/dom.js";
-import { text } from "../play/texts.js";
-import { clock } from "./words.js";
+import { clock, text } from "../play/texts.js";
 
 /** @typedef {{id: string, title: string, key: string}} Label */
 /** @typedef {{label: string, first: number, last: number}} Annotation */
@@ -83,7 +82,7 @@ export class Coding {
       const steps = first === last ? `${first}` : `${first}–${last}`;
       const go = element(
         "button", { type: "button", class: "line said", onclick: () => this.page.go(first) },
-        element("span", { class: "when" }, clock(this.reel.times[first])),
+        element("span", { class: "when" }, clock(this.reel.times[first] / 1000)),
         element("span", {}, `${steps}: ${title}`),
       );
       const remove = element("button", { type: "button", class: "line remove", onclick: () => {

@@ -3,7 +3,7 @@
 import { Look } from "../kitchen/look.js";
 import { outcomeWords } from "../play/covers.js";
 import { byId, element, setText } from "../play/dom.js";
-import { text } from "../play/texts.js";
+import { clock, text } from "../play/texts.js";
 import { readTask } from "../rules/task.js";
 import { taskTitle } from "../rules/words.js";
 import { Coding } from "./coding.js";
@@ -14,7 +14,7 @@ import { Reel } from "./reel.js";
 import { Run } from "./run.js";
 import { chooseTexts } from "./texts.js";
 import { MARKS, Timeline } from "./timeline.js";
-import { Words, clock } from "./words.js";
+import { Words } from "./words.js";
 
 const FORMAT = 1;
 // The live region speaks when the playhead has rested for this time.
@@ -239,7 +239,7 @@ class Page {
     const reel = player.longest;
     const step = player.stepOf(reel);
     const words = text("step", { step, last: reel.last });
-    setText(this.position, `${words} · ${clock(reel.times[step])}`);
+    setText(this.position, `${words} · ${clock(reel.times[step] / 1000)}`);
     setText(this.left, this.words[this.side].toGo(this.runs[this.side].step));
     this.speed.value = String(player.speed);
     const name = player.playing ? "pause" : "play";

@@ -2,9 +2,8 @@
 
 import { element, setText } from "../play/dom.js";
 import { seatMark } from "../play/panel.js";
-import { text } from "../play/texts.js";
+import { clock, text } from "../play/texts.js";
 import { Ticket } from "../play/ticket.js";
-import { clock } from "./words.js";
 
 /** @typedef {import("./words.js").Words} Words */
 
@@ -103,7 +102,7 @@ export class Panel {
     const line = element(
       "button", { type: "button", class: `line ${entry.kind}`,
         onclick: () => this.go(entry.step, entry.ms) },
-      element("span", { class: "when" }, clock(entry.ms)),
+      element("span", { class: "when" }, clock(entry.ms / 1000)),
       element("span", {}, who && element("b", {}, `${who}: `), what),
     );
     this.known.set(place, element("li", { class: later ? "later" : "" }, line));

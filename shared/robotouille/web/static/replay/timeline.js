@@ -2,8 +2,7 @@
 
 import { seatMark } from "../play/panel.js";
 import { element, setText } from "../play/dom.js";
-import { text } from "../play/texts.js";
-import { clock } from "./words.js";
+import { clock, text } from "../play/texts.js";
 
 /** @typedef {import("./player.js").Player} Player */
 /** @typedef {import("./words.js").Words} Words */
@@ -92,7 +91,7 @@ export class Timeline {
     const reel = player.longest;
     const at = Math.min(player.end, Math.max(0, this.placeAt(event)));
     const step = player.inTime ? reel.stepAt(at) : Math.min(reel.last, at);
-    setText(tip, `${text("step", { step, last: reel.last })} · ${clock(reel.times[step])}`);
+    setText(tip, `${text("step", { step, last: reel.last })} · ${clock(reel.times[step] / 1000)}`);
     tip.hidden = false;
     const half = tip.offsetWidth / 2;
     const x = event.clientX - this.track.getBoundingClientRect().left;
@@ -113,7 +112,7 @@ export class Timeline {
     track.setAttribute("aria-valuemax", String(reel.last));
     track.setAttribute("aria-valuenow", String(step));
     const words = text("step", { step, last: reel.last });
-    track.setAttribute("aria-valuetext", `${words}, ${clock(reel.times[step])}`);
+    track.setAttribute("aria-valuetext", `${words}, ${clock(reel.times[step] / 1000)}`);
     player.reels.forEach((each, run) => {
       each.task.players.forEach((_, seat) => {
         const label = /** @type {HTMLElement} */ (this.names[run].children[seat].lastElementChild);

@@ -125,12 +125,3 @@ export function pauseWords(holds, seconds) {
   const told = holds.filter((hold) => hold !== "deserted" || !holds.includes("restart"));
   return `${words}: ${told.map((hold) => text(`hold ${hold}`)).join(", ")}`;
 }
-
-/** Return a time such as `1:05`. @param {number} ms */
-export function clock(ms) {
-  const seconds = Math.floor(ms / 1000);
-  const [hours, minutes] = [Math.floor(seconds / 3600), Math.floor(seconds / 60) % 60];
-  const padded = (/** @type {number} */ number) => String(number).padStart(2, "0");
-  const short = `${hours ? padded(minutes) : minutes}:${padded(seconds % 60)}`;
-  return hours ? `${hours}:${short}` : short;
-}
