@@ -54,7 +54,7 @@ window.begin = async ({ task, snapshot, deltas, look, me }, width, height, ratio
   canvas.style.width = `${width}px`;
   canvas.style.height = `${height}px`;
   const pictures = new Map(Object.entries(look.pictures));
-  const kitchen = new Kitchen(canvas, own, new Look({ ...look, pictures }), { me });
+  const kitchen = new Kitchen(canvas, own, new Look({ ...look, pictures }), me);
   await kitchen.ready;
   kitchen.resize(width, height, ratio);
   Object.assign(window, { kitchen, states });

@@ -48,7 +48,7 @@ ENDING = """(reason) => {
     drawn[name] = kitchen.draw(last);
     emitted[name] = kitchen.animated.animation.emissions.length;
   }
-  kitchen.reducedMotion = true;
+  kitchen.quiet = { matches: true };
   kitchen.ended = null;
   kitchen.draw(20);
   drawn.reduced = kitchen.draw(20.5);

@@ -87,16 +87,15 @@ export const won = (outcome) =>
 export class Kitchen {
   /**
    * @param {HTMLCanvasElement} canvas @param {Task} task @param {Look} look
-   * @param {{me?: string | null, reducedMotion?: boolean}} options
+   * @param {string | null} me The player of the person at this page.
    */
-  constructor(canvas, task, look, { me = null, reducedMotion = false } = {}) {
+  constructor(canvas, task, look, me = null) {
     this.canvas = canvas;
     this.context = /** @type {CanvasRenderingContext2D} */ (
       canvas.getContext("2d", { alpha: false })
     );
     this.task = task;
     this.look = look;
-    /** @type {string | null} The player of the person at this page. */
     this.me = me;
     /** @type {Seat[]} Who plays, for the names under the players. */
     this.seats = [];
@@ -112,7 +111,8 @@ export class Kitchen {
     this.mark = null;
     /** @type {"" | "won" | "lost"} */
     this.outcome = "";
-    this.reducedMotion = reducedMotion;
+    this.quiet = matchMedia("(prefers-reduced-motion: reduce)");
+    this.resized = new ResizeObserver(() => this.resizeToPage());
     this.seatColours = task.players.map((_, seat) => SEATS[seat % SEATS.length]);
     this.sprites = new Sprites(look, () => {});
     this.motion = new Motion();
@@ -153,6 +153,25 @@ export class Kitchen {
     this.outcome = !outcome ? "" : won(outcome) ? "won" : "lost";
     if (this.shown?.state !== state || this.shown.step !== step) this.changes += 1;
     this.shown = { state, step, before, seconds, at: receivedAt };
+  }
+
+  get reducedMotion() {
+    return this.quiet.matches;
+  }
+
+  /** Draw in the size that the canvas has on the page, until `close`. */
+  fit() {
+    this.resized.observe(this.canvas);
+    this.resizeToPage();
+  }
+
+  resizeToPage() {
+    const { clientWidth, clientHeight } = this.canvas;
+    if (clientWidth) this.resize(clientWidth, clientHeight, devicePixelRatio);
+  }
+
+  close() {
+    this.resized.disconnect();
   }
 
   /** @param {number} cssWidth @param {number} cssHeight @param {number} pixelRatio */

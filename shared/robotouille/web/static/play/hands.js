@@ -11,10 +11,9 @@ import { text } from "./texts.js";
 /** @typedef {import("./game.js").Answer} Answer */
 /** @typedef {import("../kitchen/painter.js").Kitchen} Kitchen */
 /** @typedef {import("../kitchen/look.js").Look} Look */
-/** @typedef {import("../rules/words.js").Wording} Wording */
 /** @typedef {import("../rules/actions.js").Action} Action */
 /**
- * @typedef {{notify: (words: string) => void, wording: () => Wording, signal: AbortSignal}} Around
+ * @typedef {{notify: (words: string) => void, signal: AbortSignal}} Around
  */
 
 /** @type {Map<string, [number, number]>} Directions; y points up, as in problem files. */
@@ -50,9 +49,7 @@ export class Hands {
     /** @type {unknown} The state whose actions are listed; null while none can be done. */
     this.listed = undefined;
     this.listen(around.signal);
-    setText(/** @type {HTMLElement} */ (byId("actions").firstElementChild), text("actions"));
     byId("choices").replaceChildren();
-    byId("actions").hidden = byId("signals").hidden = game.me === null;
     this.drawSignals();
   }
 
@@ -102,7 +99,7 @@ export class Hands {
   tip(target) {
     const { state, me } = this.game;
     if (!state) return "";
-    const name = this.around.wording().thing(target, state);
+    const name = this.wording.thing(target, state);
     if (!me || state.busySteps(me)) return name;
     const { hint } = this.controls.click(state, me, target);
     return hint || name;
@@ -211,6 +208,17 @@ export class Hands {
     this.kitchen.mark = sent && station ? { station, fate: sent.fate } : null;
   }
 
+  /** Show who plays. */
+  roster() {
+    this.controls.names = new Map(this.game.seats.map(({ player, name }) => [player, name]));
+    this.stepped();
+  }
+
+  /** The words of the kitchen for this reader. */
+  get wording() {
+    return this.controls.wording(this.game.me);
+  }
+
   /** Show what can be done in the new state. */
   stepped() {
     const { game } = this;
@@ -218,9 +226,6 @@ export class Hands {
     const shown = game.running ? state : null;
     if (!state || !me || shown === this.listed) return;
     this.listed = shown;
-    this.controls.names = new Map(
-      game.seats.filter(({ name, player }) => name && player !== me).map((s) => [s.player, s.name]),
-    );
     const busy = state.busySteps(me);
     this.hint(busy);
     // While the player is busy, the last list stays: a choice waits for its turn.
@@ -236,6 +241,11 @@ export class Hands {
     let rows = [];
     if (busy) rows = [["", text("busy", { steps: busy })]];
     else if (this.game.running) rows = this.controls.hints(state, me, "E");
+    // There is nothing to do here: newcomers need to know how to walk.
+    if (this.game.running && !rows.length) {
+      const touch = matchMedia("(pointer: coarse)").matches;
+      rows = [touch ? ["", text("howTouch")] : ["W A S D", text("keyWalk")]];
+    }
     byId("hint").replaceChildren(...rows.map(([key, does]) =>
       element("span", {}, key && element("kbd", {}, key), key && " ", does)));
   }
@@ -243,7 +253,7 @@ export class Hands {
   /** Show a list of actions, and leave rows that stay where they are. @param {Action[]} actions */
   list(actions) {
     const list = byId("choices");
-    const wording = this.around.wording();
+    const { wording } = this;
     const { state } = this.game;
     if (!state) return;
     /** @type {Map<string, HTMLLIElement>} */
@@ -287,7 +297,6 @@ export class Hands {
   }
 
   help() {
-    const dialog = /** @type {HTMLDialogElement} */ (byId("help"));
     /** @type {[string[], string][]} */
     const own = this.game.me === null ? [] : [
       [["W", "A", "S", "D"], text("keyWalk")],
@@ -300,16 +309,10 @@ export class Hands {
     ];
     /** @type {[string[], string][]} */
     const rows = [...own, [["T"], text("keyChat")], [["H"], text("help")]];
-    const list = element("dl");
-    for (const [keys, does] of rows) {
-      list.append(
-        element("dt", {}, ...keys.map((key) => element("kbd", {}, key))),
-        element("dd", {}, does),
-      );
-    }
-    const close = element("button", { class: "main", onclick: () => dialog.close() }, text("close"));
-    dialog.replaceChildren(element("h2", {}, text("keys")), list, close);
-    dialog.setAttribute("aria-label", text("help"));
-    dialog.showModal();
+    byId("keys").replaceChildren(...rows.flatMap(([keys, does]) => [
+      element("dt", {}, ...keys.map((key) => element("kbd", {}, key))),
+      element("dd", {}, does),
+    ]));
+    /** @type {HTMLDialogElement} */ (byId("help")).showModal();
   }
 }

@@ -74,12 +74,6 @@ async function ownPictures(digests, pictures, ask) {
 /** @type {Map<string, Promise<any>>} Files that were requested, by name. */
 const files = new Map();
 
-/** Request the files that most visits need, before it is known that this visit does. */
-export function prefetch() {
-  const names = [`looks/${SHIPPED_KITCHEN}.json`, `pictures/${SHIPPED_PICTURES}.json`];
-  for (const name of names) file(name).catch(() => {});
-}
-
 /** Return a file of the page; null if it does not exist. @param {string} name */
 function file(name) {
   const known = files.get(name);

@@ -1,7 +1,6 @@
 // Entry of the page: reads the link, asks for a name, and enters the kitchen.
 
 import { byId, element, inputById, setText } from "./dom.js";
-import { prefetch } from "./look.js";
 import { Session } from "./session.js";
 import { givenName, parentOrigin } from "./parent.js";
 import { keep, recall, seatKey, seatToken } from "./storage.js";
@@ -40,12 +39,9 @@ function showForm(fault = "") {
   byId("enter").hidden = false;
   const intro = code ? (watch ? "introWatch" : "introCode") : "intro";
   setText(byId("enter-intro"), text(intro, { code }));
-  setText(byId("code-label"), text("code"));
-  setText(byId("name-label"), text("name"));
   setText(byId("enter-button"), text(watch ? "watch" : "join"));
   setText(byId("enter-fault"), fault);
   byId("consent-row").hidden = watch || !consent;
-  setText(byId("consent-link"), text("consent"));
   byId("consent-link").setAttribute("href", consent);
   byId("code-row").hidden = code !== "";
   if (code) inputById("code").value = code;
@@ -93,7 +89,6 @@ function enter(code, name, agreed = "") {
 
 async function start() {
   byId("loading").remove();
-  prefetch();
   await loadTexts();
   byId("enter-form").addEventListener("submit", (event) => {
     event.preventDefault();

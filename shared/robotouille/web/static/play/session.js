@@ -1,8 +1,7 @@
 // One visit of a kitchen: connects the conversation, the game, the picture and the controls.
 
 import { Kitchen } from "../kitchen/painter.js";
-import { readLanguage } from "../rules/language.js";
-import { Wording, taskTitle } from "../rules/words.js";
+import { taskTitle } from "../rules/words.js";
 import { Bubbles } from "./bubbles.js";
 import { Connection, socketAddress } from "./connection.js";
 import { Cover, button, outcomeWords, slip, waiting } from "./covers.js";
@@ -62,7 +61,6 @@ export class Session {
     this.ticket = null;
     /** @type {Bubbles | null} */
     this.bubbles = null;
-    this.language = readLanguage({});
     this.phase = "";
     this.noticeUntil = 0;
     this.spokenAt = 0;
@@ -75,7 +73,7 @@ export class Session {
   start() {
     const { code, name, watch, token } = this.visit;
     byId("game").hidden = false;
-    this.texts();
+    this.listen();
     /** @type {Message} */
     const join = watch
       ? { type: "join", episode: code, role: "spectator", view: "state" }
@@ -101,18 +99,10 @@ export class Session {
     obeyParent(commands, this.abort.signal);
   }
 
-  /** Set the texts that do not change. */
-  texts() {
+  listen() {
     const { signal } = this.abort;
-    setText(byId("help-button"), text("help"));
-    setText(byId("leave-button"), text("leave"));
-    const say = byId("say");
-    /** @type {HTMLInputElement} */ (byId("said")).placeholder = text("say");
-    byId("said").setAttribute("aria-label", text("say"));
-    setText(/** @type {HTMLElement} */ (say.lastElementChild), text("send"));
-    say.addEventListener("submit", (event) => this.say(event), { signal });
+    byId("say").addEventListener("submit", (event) => this.say(event), { signal });
     byId("leave-button").addEventListener("click", () => this.leave(), { signal });
-    byId("lines").setAttribute("aria-label", text("chat"));
     setText(byId("title"), this.visit.code);
     setText(byId("status"), text("connecting"));
   }
@@ -182,39 +172,17 @@ export class Session {
     if (!task) return;
     const look = await loadLook(task, (message) => this.ask(message));
     if (this.over) return;
-    this.language = readLanguage(look.rendering.language);
     const canvas = /** @type {HTMLCanvasElement} */ (byId("kitchen"));
-    canvas.setAttribute("role", "img");
-    canvas.setAttribute("aria-label", text("kitchen"));
-    const quiet = matchMedia("(prefers-reduced-motion: reduce)");
-    const { me } = this.game;
-    this.kitchen = new Kitchen(canvas, task, look, { me, reducedMotion: quiet.matches });
-    this.bubbles = new Bubbles(this.kitchen, look, () => this.wording());
+    this.kitchen = new Kitchen(canvas, task, look, this.game.me);
+    this.kitchen.fit();
+    this.bubbles = new Bubbles(this.kitchen, byId("bubbles"));
     this.ticket = new Ticket(this.game, look);
     this.hands = new Hands(this.game, this.kitchen, look, {
       notify: (/** @type {string} */ words) => this.notify(words),
-      wording: () => this.wording(),
       signal: this.abort.signal,
     });
-    const resized = new ResizeObserver(() => this.resize());
-    resized.observe(byId("stage"));
-    this.abort.signal.addEventListener("abort", () => resized.disconnect());
-    this.resize();
     this.show();
     this.roster();
-  }
-
-  resize() {
-    const { clientWidth, clientHeight } = byId("stage");
-    this.kitchen?.resize(clientWidth, clientHeight, devicePixelRatio);
-  }
-
-  /** Return the words of the kitchen for this reader. */
-  wording() {
-    const { task, me, seats } = this.game;
-    const others = seats.filter((seat) => seat.name && seat.player !== me);
-    const names = new Map(others.map((seat) => [seat.player, seat.name]));
-    return new Wording(/** @type {any} */ (task), this.language, me, names);
   }
 
   // What the page shows
@@ -265,12 +233,13 @@ export class Session {
       if (game.phase === "waiting") tellParent("ready", { episode: game.episode, seat: game.me });
       if (game.phase === "running") tellParent("started", { episode: game.episode });
     }
+    byId("actions").hidden = game.me === null;
     showSeats(game);
     if (this.kitchen) {
       this.kitchen.seats = game.seats;
       this.kitchen.waitsFor = new Set(game.waitsFor);
     }
-    this.hands?.stepped();
+    this.hands?.roster();
     this.status();
   }
 
@@ -299,9 +268,9 @@ export class Session {
     if (answer.applied || !answer.reasons.length || !this.game.me) return;
     const { state } = this.game;
     const [why] = answer.why;
-    const reason = why && state ? this.wording().reason({ ...why, words: answer.reasons[0] }, state)
-      : answer.reasons[0];
-    this.bubbles?.show(this.game.me, reason, { rejected: true });
+    const reason = why && state && this.hands
+      ? this.hands.wording.reason({ ...why, words: answer.reasons[0] }, state) : answer.reasons[0];
+    this.bubbles?.show(this.game.me, { words: reason, rejected: true });
     this.speak(text("rejected", { reason }));
   }
 
@@ -310,11 +279,13 @@ export class Session {
     if (line.text.startsWith(INTENDS)) {
       // Bots announce every few steps what they do next, which would drown the chat.
       const [first] = line.text.slice(INTENDS.length).split(";");
-      if (!old && line.seat) this.bubbles?.show(line.seat, `${first} …`);
+      if (!old && line.seat) this.bubbles?.show(line.seat, { words: `${first} …` });
       return;
     }
     this.chat.say(line.name, line.text);
-    if (!old && line.seat) this.bubbles?.say(line);
+    if (!old && line.seat) {
+      this.bubbles?.show(line.seat, { words: line.text, target: line.intent && line.target });
+    }
     if (line.seat !== this.game.me) this.speak(text("saidBy", { name: line.name, text: line.text }));
   }
 
@@ -465,7 +436,8 @@ export class Session {
     this.connection?.close();
     this.abort.abort();
     this.hands?.close();
-    this.bubbles?.close();
+    this.bubbles?.showOnly(new Map());
+    this.kitchen?.close();
     byId("cover").hidden = true;
     setText(byId("notice"), "");
   }

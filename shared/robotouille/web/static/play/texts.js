@@ -21,10 +21,21 @@ export async function loadTexts() {
   useTexts(language, own);
 }
 
-/** Use texts in a language from now on. @param {string} language @param {typeof texts} own */
+/**
+ * Use texts in a language from now on, also for the parts of the page that name theirs.
+ * @param {string} language @param {typeof texts} own
+ */
 export function useTexts(language, own) {
   texts = { ...english, ...own };
   document.documentElement.lang = language;
+  for (const each of document.querySelectorAll("[data-text]")) {
+    each.textContent = text(each.getAttribute("data-text") ?? "");
+  }
+  for (const each of document.querySelectorAll("[data-label]")) {
+    const label = text(each.getAttribute("data-label") ?? "");
+    each.setAttribute("aria-label", label);
+    if (each instanceof HTMLInputElement) each.placeholder = label;
+  }
 }
 
 /**

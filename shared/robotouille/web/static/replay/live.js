@@ -26,7 +26,6 @@ export class LiveKitchen {
     this.loading = false;
     this.next = 0;
     this.closed = false;
-    this.resized = new ResizeObserver(() => this.resize());
   }
 
   /** Show an episode as it is now. @param {any} row */
@@ -57,20 +56,14 @@ export class LiveKitchen {
       type === "get_rendering" ? { type, ...this.tables.look }
         : { type: "picture", ...await this.get(`pictures/${digest}`) });
     if (this.closed) return;
-    const quiet = matchMedia("(prefers-reduced-motion: reduce)");
-    this.kitchen = new Kitchen(this.canvas, task, look, { reducedMotion: quiet.matches });
-    this.resized.observe(this.canvas);
+    this.kitchen = new Kitchen(this.canvas, task, look);
+    this.kitchen.fit();
     const frame = () => {
       if (this.closed) return;
       this.kitchen?.draw(performance.now() / 1000);
       requestAnimationFrame(frame);
     };
     frame();
-  }
-
-  resize() {
-    const { clientWidth, clientHeight } = this.canvas;
-    if (clientWidth) this.kitchen?.resize(clientWidth, clientHeight, devicePixelRatio);
   }
 
   show() {
@@ -93,6 +86,6 @@ export class LiveKitchen {
 
   close() {
     this.closed = true;
-    this.resized.disconnect();
+    this.kitchen?.close();
   }
 }

@@ -1,7 +1,7 @@
 // One recording in pictures: the kitchen, speech bubbles, and notices.
 
 import { Kitchen } from "../kitchen/painter.js";
-import { bubble, placeOver } from "../play/bubbles.js";
+import { Bubbles } from "../play/bubbles.js";
 import { element, setText } from "../play/dom.js";
 import { text } from "../play/texts.js";
 import { pauseWords } from "./words.js";
@@ -19,26 +19,17 @@ export class Run {
     const { reel } = words;
     this.reel = reel;
     this.words = words;
-    this.look = look;
     this.player = player;
     this.canvas = element("canvas", { role: "img" });
     this.canvas.setAttribute("aria-label", text("kitchen", { count: reel.task.players.length }));
     this.notice = element("p", { class: "notice", hidden: true });
     this.over = element("div", { class: "bubbles", "aria-hidden": "true" });
     this.stage = element("div", { class: "stage" }, this.canvas, this.over, this.notice);
-    const quiet = matchMedia("(prefers-reduced-motion: reduce)");
-    this.kitchen = new Kitchen(this.canvas, reel.task, look, { reducedMotion: quiet.matches });
-    quiet.addEventListener("change", () => (this.kitchen.reducedMotion = quiet.matches));
+    this.kitchen = new Kitchen(this.canvas, reel.task, look);
+    this.kitchen.fit();
+    this.bubbles = new Bubbles(this.kitchen, this.over);
     this.step = -1;
-    /** @type {Map<string, {box: HTMLElement, words: string}>} */
-    this.bubbles = new Map();
-    new ResizeObserver(() => this.resize()).observe(this.stage);
     this.stage.addEventListener("click", () => player.play());
-  }
-
-  resize() {
-    const { clientWidth, clientHeight } = this.stage;
-    this.kitchen.resize(clientWidth, clientHeight, devicePixelRatio);
   }
 
   /** Show the step at the playhead. Return whether it is another one. @param {number} now */
@@ -68,7 +59,7 @@ export class Run {
     const { reel, kitchen } = this;
     const { players } = reel.task;
     const back = Math.max(BUBBLE_STEPS, Math.round(BUBBLE_SECONDS * this.player.rate));
-    /** @type {Map<string, {words: string, rejected: boolean, target: string}>} */
+    /** @type {Map<string, import("../play/bubbles.js").Said>} */
     const said = new Map();
     let notice = "";
     kitchen.rejected = new Set();
@@ -77,48 +68,28 @@ export class Run {
       const player = players[entry.seat];
       if (entry.kind === "said" && player) {
         const target = entry.rest[2] ? String(entry.rest[3] ?? "") : "";
-        said.set(player, { words: this.words.said(entry), rejected: false, target });
+        said.set(player, { words: this.words.said(entry), target });
       } else if ((entry.kind === "rejected" || entry.kind === "lost") && player) {
         if (entry.step === step) kitchen.rejected.add(player);
         const at = entry.kind === "lost" ? entry.step - 1 : entry.step;
         const words = this.words.reasons(entry.rest[1], at);
         if (entry.step <= step - BUBBLE_STEPS) continue;
-        said.set(player, { words, rejected: true, target: "" });
+        said.set(player, { words, rejected: true });
       } else if (entry.kind === "announced") {
         notice = this.words.entry(entry).what;
       } else if (entry.kind === "paused" && entry.step === step) {
         notice = pauseWords(entry.rest[0], entry.rest[1]);
       }
     }
-    kitchen.pointing = [...said].filter(([, { target }]) => target)
-      .map(([player, { target }]) => ({ player, target }));
     this.notice.hidden = !notice;
     setText(this.notice, notice);
-    this.showBubbles(said);
-  }
-
-  /** @param {Map<string, {words: string, rejected: boolean, target: string}>} said */
-  showBubbles(said) {
-    for (const [player, { box, words }] of this.bubbles) {
-      if (said.get(player)?.words === words) continue;
-      box.remove();
-      this.bubbles.delete(player);
-    }
-    for (const [player, { words, rejected, target }] of said) {
-      if (this.bubbles.has(player)) continue;
-      const box = bubble(this.kitchen, this.look, { words, rejected, target });
-      this.over.append(box);
-      this.bubbles.set(player, { box, words });
-    }
+    this.bubbles.showOnly(said);
+    kitchen.pointing = this.bubbles.pointing;
   }
 
   /** @param {number} now Seconds. */
   draw(now) {
     this.kitchen.draw(now);
-    for (const [player, { box }] of this.bubbles) {
-      const spot = this.kitchen.spotOf(player);
-      box.hidden = !spot;
-      if (spot) placeOver(box, spot);
-    }
+    this.bubbles.place(now);
   }
 }
