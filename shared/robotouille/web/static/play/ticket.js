@@ -217,7 +217,7 @@ class Orders {
     if (penalty) title.push(text("penalty", { points: penalty }));
     const pictures = element("div", { class: "pictures" }, ...images);
     const slip = {
-      root: element("div", { class: "order", title: title.join("\n") }, head, pictures, element("small", {}, parts), bar, remaining),
+      root: element("div", { class: "order", title: title.join("\n") }, head, pictures, remaining, element("small", {}, parts), bar),
       left: remaining,
       bar, worth, points, tip,
     };
