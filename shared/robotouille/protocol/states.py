@@ -14,6 +14,7 @@ from robotouille.errors import ProtocolError
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.effects import Effect
 from robotouille.world.grounding.objects import Object
+from robotouille.world.timers import TimerRow
 from robotouille.world.unmet import Attempt, Unmet
 from robotouille.world.world import State, World
 
@@ -218,13 +219,13 @@ class StateReader:
         self._objects: list[str] = []
         self._atoms: list[int] = []
         self._facts = 0
-        self._timers: dict[str, list[int]] = {}
+        self._timers: dict[str, TimerRow] = {}
         self._busy: dict[str, int] = {}
         self._orders: Sequence[Any] | None = None
         try:
             self._extend(tables["objects"], tables["atoms"])
             self._facts = self._mask(values["facts"])
-            self._timers = {label: list(counters) for label, counters in values["timers"]}
+            self._timers = {label: _timer(label, counters) for label, counters in values["timers"]}
             self._busy = dict(values["busy"])
             self._orders = values.get("orders")
             self.state = self._state()
@@ -246,7 +247,7 @@ class StateReader:
                 if counters is None:
                     self._timers.pop(label, None)
                 else:
-                    self._timers[label] = list(counters)
+                    self._timers[label] = _timer(label, counters)
             if changes.get("busy") is not None:
                 self._busy = dict(changes["busy"])
             if self.state.orders is not None:
@@ -275,6 +276,10 @@ class StateReader:
         return mask
 
     def _state(self) -> State:
-        rows = [(*parse_label(label), tuple(c)) for label, c in self._timers.items()]
         busy = tuple(sorted(self._busy.items()))
-        return self.world.restore(self._facts, rows, busy, self._orders)
+        return self.world.restore(self._facts, [*self._timers.values()], busy, self._orders)
+
+
+def _timer(label: str, counters: Iterable[int]) -> TimerRow:
+    # Kept parsed, because a state may have 20,000 timers and a step changes few of them.
+    return (*parse_label(label), tuple(counters))
