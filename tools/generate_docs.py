@@ -38,6 +38,7 @@ from robotouille.domain.rendering import RenderingFile
 from robotouille.domain.schema import DomainFile, InputFile, ProblemFile
 from robotouille.protocol import error_codes, messages
 from robotouille.protocol.codec import SUBPROTOCOLS
+from robotouille.replay.annotations import Codebook
 from robotouille_client.cli.main import LazyGroup
 from robotouille_server.operator import openapi
 from robotouille_server.operator.principal import CODES
@@ -51,6 +52,7 @@ FILES = {
     "problem": ProblemFile,
     "input": InputFile,
     "rendering": RenderingFile,
+    "codebook": Codebook,
 }
 Schema = dict[str, Any]
 

@@ -158,6 +158,13 @@ def test_codebooks_are_checked(tmp_path: Path, labels: list[Any], message: str) 
         read_codebook(file)
 
 
+def test_codebook_names_its_schema(tmp_path: Path) -> None:
+    file = tmp_path / "codebook.json"
+    labels = [{"id": "a", "title": "A", "key": "a"}]
+    file.write_text(json.dumps({"$schema": "schemas/codebook.json", "labels": labels}))
+    assert [label.id for label in read_codebook(file).labels] == ["a"]
+
+
 def test_annotations_are_checked(tmp_path: Path) -> None:
     file = tmp_path / "labels.json"
     good = coded("a", (1, 2)).model_dump(mode="json")

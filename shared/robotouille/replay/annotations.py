@@ -45,6 +45,7 @@ class Label(Schema):
 class Codebook(Schema):
     """Labels that coders choose from."""
 
+    schema_uri: str | None = Field(default=None, alias="$schema")
     labels: Annotated[tuple[Label, ...], Field(min_length=1, max_length=MAX_LABELS)]
 
     @model_validator(mode="after")

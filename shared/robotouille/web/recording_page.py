@@ -139,7 +139,11 @@ def page_data(
         "task": task.json,
         "look": _look(task, rendering_of(task, rendering), _kinds(task, rows)),
         "recordings": rows,
-        **({"codebook": codebook.model_dump(mode="json")} if codebook is not None else {}),
+        **(
+            {"codebook": codebook.model_dump(mode="json", include={"labels"})}
+            if codebook is not None
+            else {}
+        ),
     }
 
 
