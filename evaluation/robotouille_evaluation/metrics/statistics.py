@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 from collections import Counter
 from collections.abc import Sequence
-from math import comb
+from math import comb, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +44,10 @@ def bootstrap(
     certainty. The interval is then the exact one of Clopper and Pearson (1934) for that many
     clusters. There is no interval for one cluster, or for clusters with equal means.
 
+    The standard error is that of a ratio of sums of clusters. With one value in each of n clusters,
+    it is the standard deviation (with n - 1) / sqrt(n). It is left out if all clusters have equal
+    means.
+
     Args:
         clusters: Values, grouped.
         level: Confidence, between 0 and 1.
@@ -74,13 +78,41 @@ def bootstrap(
         means.append(sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1))
     tail = (1 - level) / 2
     low, high = np.quantile(np.concatenate(means), (tail, 1 - tail))
-    return Interval(mean, float(low), float(high), total)
+    return Interval(mean, float(low), float(high), total, _standard_error(sums, counts, mean))
+
+
+def _standard_error(sums: np.ndarray, counts: np.ndarray, mean: float) -> float:
+    number = len(sums)
+    squares = float(((sums - mean * counts) ** 2).sum())
+    return sqrt(number / (number - 1) * squares) / float(counts.sum())
 
 
 def _never_or_always(mean: float, clusters: int, count: int, level: float) -> Interval:
     reach = 1 - ((1 - level) / 2) ** (1 / clusters)
     low, high = (0.0, reach) if mean == 0 else (1 - reach, 1.0)
     return Interval(mean, low, high, count)
+
+
+def rank_correlation(one: Sequence[float], other: Sequence[float]) -> float | None:
+    """Return Spearman's rank correlation (1904). Equal values share their mean rank.
+
+    Returns:
+        None if all values of a sequence are equal.
+
+    Raises:
+        ValueError: The lengths differ.
+    """
+    if len(one) != len(other):
+        raise ValueError(f"{len(one)} values are not paired with {len(other)}")
+    if len(set(one)) < 2 or len(set(other)) < 2:
+        return None
+    return float(np.corrcoef(_ranks(one), _ranks(other))[0, 1])
+
+
+def _ranks(values: Sequence[float]) -> np.ndarray:
+    _, places, counts = np.unique(values, return_inverse=True, return_counts=True)
+    ranks: np.ndarray = (counts.cumsum() - (counts - 1) / 2)[places]
+    return ranks
 
 
 def permutation_test(

@@ -16,10 +16,13 @@ WORDS = frozenset(
 
 
 def percent(interval: Interval | None) -> str:
-    """Return a rate with its interval, such as `47 % (37–57)`."""
+    """Return a rate with standard error and interval, such as `47 % ± 5.02 (37–57)`."""
     if interval is None:
         return NONE
-    return interval.text(percent_of, lambda bound: str(round(100 * bound)))
+    error = "" if interval.error is None else f" ± {100 * interval.error:.3g}"
+    return interval.text(
+        lambda share: percent_of(share) + error, lambda bound: str(round(100 * bound))
+    )
 
 
 def percent_of(share: float | None) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TypeVar
 
 from robotouille.html_report.intervals import Interval
@@ -14,6 +14,8 @@ from robotouille_evaluation.report import published
 
 OTHER_AGENTS = frozenset({"io", "plag", "reflexion", "planner", "random", "scripted"})
 """First words of built-in agents and published experiments other than ReAct, in lower case."""
+RULES = frozenset({"prior", "rules"})
+"""Words in the names of strategies that state the rules, such as the paper's ReAct + Prior."""
 
 T = TypeVar("T")
 
@@ -96,6 +98,15 @@ def datasets(rows: Iterable[ResultRow]) -> RowGroups:
     return {name: groups[name] for name in sorted(groups, key=place)}
 
 
+def by_player_and_set(
+    rows: Sequence[ResultRow],
+) -> Iterator[tuple[str, str, list[ResultRow]]]:
+    """Yield each player with a data set and the player's episodes of it."""
+    for name, group in named(rows).items():
+        for dataset, episodes in datasets(group).items():
+            yield name, dataset, episodes
+
+
 def largest(groups: Mapping[str, list[T]], number: int) -> dict[str, list[T]]:
     """Return the groups with the most entries, in their original order."""
     chosen = set(sorted(groups, key=lambda name: -len(groups[name]))[:number])
@@ -136,9 +147,9 @@ def part_played(dataset: str, rows: Iterable[ResultRow]) -> str:
 
 
 def may_be_react(row: ResultRow) -> bool:
-    """Return True unless the agent's name shows another strategy than ReAct."""
-    name = row.strategy or row.agent
-    return re.split(r"[-/ ]", name)[0].lower() not in OTHER_AGENTS
+    """Return False if the variant or the agent's name shows that it is not the published ReAct."""
+    first, *others = re.split(r"[-/ ]", (row.strategy or row.agent).lower())
+    return not (row.variant or first in OTHER_AGENTS or RULES.intersection(others))
 
 
 def is_ablation(row: ResultRow) -> bool:

@@ -17,12 +17,25 @@ LEADERBOARD = "ReAct (leaderboard of the repository)"
 
 @dataclass(frozen=True, slots=True)
 class PublishedSuccess:
-    """Success rates in per cent of a model and strategy. None: not in the paper."""
+    """Success rates in per cent of a model and strategy. None: not in the paper.
+
+    `error` is the standard error of the rate on asynchronous tasks, where the paper prints one.
+    """
 
     model: str
     strategy: str
     synchronous: float | None
     asynchronous: float | None
+    error: float | None = None
+
+    def cell(self, dataset: str) -> str | None:
+        """Return the rate on a data set in words; None if it is unknown."""
+        if dataset == "synchronous" and self.synchronous is not None:
+            return f"{self.synchronous:.3g} %"
+        if dataset != "asynchronous" or self.asynchronous is None:
+            return None
+        error = "" if self.error is None else f" ± {self.error:.3g}"
+        return f"{self.asynchronous:.3g} %{error}"
 
 
 SUCCESS = (
@@ -31,6 +44,8 @@ SUCCESS = (
     PublishedSuccess("gpt-4o", "ReAct", 47.0, 11.0),
     PublishedSuccess("gpt-4o", "PLaG (BaG)", None, 13.0),
     PublishedSuccess("gpt-4o", "Reflexion", None, 17.0),
+    PublishedSuccess("gpt-4o", "ReAct, tasks 1 to 3", None, 30.0, 8.5),
+    PublishedSuccess("gpt-4o", "ReAct + Prior, tasks 1 to 3", None, 40.0, 5.0),
     PublishedSuccess("gpt-4o-mini", "I/O", 4.0, 0.0),
     PublishedSuccess("gpt-4o-mini", "I/O CoT", 10.0, 1.0),
     PublishedSuccess("gpt-4o-mini", "ReAct", 11.0, 0.0),
@@ -45,8 +60,9 @@ SUCCESS = (
     PublishedSuccess("Meta-Llama-3.1-70B-Instruct", LEADERBOARD, 2.0, 0.0),
     PublishedSuccess("Meta-Llama-3.1-8B-Instruct", LEADERBOARD, 1.0, 0.0),
 )
-"""Tables "successes" and "other-async-baselines" (totals), then the models that only the
-leaderboard in the published repository's README (release c8236a2e) has."""
+"""Tables "successes" and "other-async-baselines" (totals), then finding 7 (section 4.2.4) in the
+place of gpt-4o's last rows, and at the end the models that only the leaderboard in the published
+repository's README (release c8236a2e) has."""
 
 SUCCESS_INSTANCES = 100
 """Instances of each data set: ten of each task."""
@@ -66,6 +82,12 @@ SUCCESS_BY_TASK: dict[str, dict[str, tuple[float, ...]]] = {
     },
 }
 """Tables "tasks-results" and "other-async-baselines": gpt-4o, per cent for tasks 1 to 10."""
+
+HORIZONS = {
+    "synchronous": (10, 14, 24, 10, 15, 23, 36, 44, 63, 57),
+    "asynchronous": (21, 27, 37, 42, 46, 19, 42, 46, 68, 82),
+}
+"""Table "tasks-results": horizon lengths of tasks 1 to 10."""
 
 OPTIMALITY = {
     "synchronous": {"1": 55.3},
@@ -94,6 +116,10 @@ FAILURES = {
     },
 }
 """Section 4.2.3, finding 4: gpt-4o ReAct, per cent of failures, annotated by people."""
+
+RECOVERY = {"synchronous": (17, 58.8, 90.0), "asynchronous": (52, 40.4, 57.1)}
+"""Appendix "Transition Failure Recovery Analysis": gpt-4o ReAct, number of transition failures,
+per cent that recovered, and per cent of these that did not repeat the mistake."""
 
 ASYNCHRONOUS_FIRST = (16.0, 6.0)
 """Section 4.2.4, finding 6: success in per cent with asynchronous work first, and without."""

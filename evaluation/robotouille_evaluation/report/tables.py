@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
 from io import StringIO
@@ -16,6 +17,7 @@ from robotouille_evaluation.metrics.rows import EpisodeMeasures, ResultRow
 from robotouille_evaluation.metrics.statistics import mcnemar_test
 from robotouille_evaluation.packs.published_figures import REACT
 from robotouille_evaluation.report import published
+from robotouille_evaluation.report.appendix_tables import horizons, recovery
 from robotouille_evaluation.report.bins import (
     AWAY,
     FARTHER_AWAY,
@@ -36,6 +38,7 @@ from robotouille_evaluation.report.grouping import (
     SETTINGS_OF_VARIANTS,
     RowGroups,
     by,
+    by_player_and_set,
     datasets,
     interval,
     is_ablation,
@@ -49,6 +52,8 @@ from robotouille_evaluation.report.grouping import (
 from robotouille_evaluation.report.reference import Reference
 
 STOCHASTIC = ("stochastic", "stochastic-paper")
+NEGATIVE = re.compile(r"-\d+(\.\d+)?( %)?", re.ASCII)
+"""Numbers that begin like a formula."""
 MAX_COMPARED = 30
 """Players compared in pairs. The table has a row for each pair, so it grows quadratically."""
 MAX_COLUMNS = 40
@@ -63,6 +68,7 @@ def all_tables(rows: Sequence[ResultRow], reference: Reference = Reference()) ->
     found = [
         success_by_dataset(goals),
         *success_by_task(goals),
+        horizons(goals),
         scores(shifts),
         scores_by_task(shifts),
         optimality(goals, reference),
@@ -70,6 +76,7 @@ def all_tables(rows: Sequence[ResultRow], reference: Reference = Reference()) ->
         behaviour(rows, reference),
         asynchronous_first(goals),
         failures(goals, reference),
+        recovery(goals),
         teams(rows),
         real_time(rows),
         ablations(rows),
@@ -93,15 +100,9 @@ def csv_text(table: Table) -> str:
 def _inert(cell: str | Cell) -> str:
     """Return the cell as one line that no spreadsheet interprets as a formula."""
     text = cell if isinstance(cell, str) else cell.text
+    if NEGATIVE.fullmatch(text):
+        return text
     return spreadsheet_cell(text.replace("\r", " ").replace("\n", " "))
-
-
-def _by_player_and_set(
-    rows: Sequence[ResultRow],
-) -> Iterator[tuple[str, str, list[ResultRow]]]:
-    for name, group in named(rows).items():
-        for dataset, episodes in datasets(group).items():
-            yield name, dataset, episodes
 
 
 # Success
@@ -117,13 +118,14 @@ def success_by_dataset(rows: Sequence[ResultRow]) -> Table:
         cells = [_success_and_part(each, own.get(each, ())) for each in sets]
         lines.append(TableRow((name, *cells, str(len(group)))))
     for each in published.SUCCESS:
-        known = {"synchronous": each.synchronous, "asynchronous": each.asynchronous}
-        if any(known.get(one) is not None for one in sets):
-            cells = [published_percent(known.get(one)) for one in sets]
+        known = [each.cell(one) for one in sets]
+        if any(known):
+            cells = [cell or NONE for cell in known]
             lines.append(reference_row(f"{each.model}, {each.strategy}", *cells, NONE))
     note = (
-        "Share of episodes that reached the goal within their step budget, with 95 % bootstrap "
-        "intervals over instances. Each published number is from 100 episodes. Do not compare a "
+        "Share of episodes that reached the goal within their step budget, ± standard error, with "
+        "95 % bootstrap intervals over instances; docs/metrics.md compares them with the paper's "
+        "errors. Each published number is from 10 episodes of each task. Do not compare a "
         "part of a data set with the whole: its tasks differ in difficulty."
         + _left_out("data sets", all_sets, sets)
     )
@@ -147,7 +149,7 @@ def _success_and_part(dataset: str, rows: Sequence[ResultRow]) -> str:
 def success_by_task(rows: Sequence[ResultRow]) -> Iterator[Table]:
     """Yield a table of success by task for each data set (paper, table "tasks-results")."""
     groups: dict[str, RowGroups] = {}
-    for name, dataset, own in _by_player_and_set(rows):
+    for name, dataset, own in by_player_and_set(rows):
         groups.setdefault(dataset, {})[name] = own
     for dataset, group in datasets(rows).items():
         players = largest(groups[dataset], MAX_COLUMNS)
@@ -175,7 +177,7 @@ def success_by_task(rows: Sequence[ResultRow]) -> Iterator[Table]:
 def scores(rows: Sequence[ResultRow]) -> Table:
     """Return points, served and expired orders of shifts, and the share of the planner's points."""
     lines = []
-    for name, dataset, episodes in _by_player_and_set(rows):
+    for name, dataset, episodes in by_player_and_set(rows):
         found = [row.score for row in episodes if row.score is not None]
         cells = (
             percent(score_interval(episodes)),
@@ -218,7 +220,7 @@ def scores_by_task(rows: Sequence[ResultRow]) -> Table:
 def optimality(rows: Sequence[ResultRow], reference: Reference) -> Table:
     """Return the lengths of successes relative to the optimum (paper, finding 2)."""
     lines = []
-    for name, dataset, episodes in _by_player_and_set(rows):
+    for name, dataset, episodes in by_player_and_set(rows):
         rates = [r for row in episodes if (r := outcomes.optimality_rate(row)) is not None]
         if rates:
             share = percent(interval(episodes, outcomes.is_optimal))
@@ -252,7 +254,7 @@ def bin_of_steps_to_go(measures: EpisodeMeasures) -> str | None:
 def steps_to_go(rows: Sequence[ResultRow], reference: Reference) -> Table:
     """Return the distance of failures from the goal (paper, finding 3)."""
     lines = []
-    for name, dataset, episodes in _by_player_and_set(rows):
+    for name, dataset, episodes in by_player_and_set(rows):
         bins = [bin_of_steps_to_go(r.measures) for r in episodes if not outcomes.succeeded(r)]
         counts = Counter(each for each in bins if each)
         if total := counts.total():
@@ -279,7 +281,7 @@ def steps_to_go(rows: Sequence[ResultRow], reference: Reference) -> Table:
 def behaviour(rows: Sequence[ResultRow], reference: Reference) -> Table:
     """Return repetition, invalid answers, recovery and waiting (paper, finding 5)."""
     lines = []
-    for name, dataset, episodes in _by_player_and_set(rows):
+    for name, dataset, episodes in by_player_and_set(rows):
         measures = [row.measures for row in episodes]
         goals = outcomes.with_goal(episodes)
         won = [row.repetitions for row in goals if outcomes.succeeded(row)]
@@ -335,7 +337,7 @@ def asynchronous_first(rows: Sequence[ResultRow]) -> Table:
 def failures(rows: Sequence[ResultRow], reference: Reference) -> Table:
     """Return failures by category and subcategory (paper, finding 4)."""
     lines = []
-    for name, dataset, episodes in _by_player_and_set(rows):
+    for name, dataset, episodes in by_player_and_set(rows):
         found = [row.measures.failure for row in episodes if row.measures.failure]
         kinds = Counter((each.category, each.subcategory) for each in found)
         for (category, subcategory), count in sorted(kinds.items()):
@@ -386,7 +388,7 @@ def teams(rows: Sequence[ResultRow]) -> Table:
 def real_time(rows: Sequence[ResultRow]) -> Table:
     """Return the cost of thinking time in episodes whose world does not wait."""
     lines = []
-    for name, dataset, episodes in _by_player_and_set([r for r in rows if r.real_time]):
+    for name, dataset, episodes in by_player_and_set([r for r in rows if r.real_time]):
         measures = [row.measures for row in episodes]
         cells = (
             _success(episodes),
@@ -413,7 +415,7 @@ def real_time(rows: Sequence[ResultRow]) -> Table:
 def ablations(rows: Sequence[ResultRow]) -> Table:
     """Return successes, steps and cost by player and data set (paper, table "ablation1")."""
     lines = []
-    for name, dataset, group in _by_player_and_set(rows):
+    for name, dataset, group in by_player_and_set(rows):
         goals = outcomes.with_goal(group)
         prompt, completion = outcomes.tokens(group)
         calls = sum(row.counts.calls for row in group)

@@ -19,13 +19,15 @@ MAX_CELLS = 4_000_000
 class Interval:
     """Estimate from `count` values, with the bounds of its confidence interval.
 
-    The bounds are None if the values do not determine an interval.
+    The bounds are None if the values do not determine an interval. `error` is the standard error,
+    if it was computed.
     """
 
     estimate: float
     low: float | None
     high: float | None
     count: int
+    error: float | None = None
 
     def text(self, number: Callable[[float], str], bound: Callable[[float], str] = str) -> str:
         """Return the estimate and its bounds in words, such as `47 % (37–57)`."""

@@ -11,6 +11,7 @@ from robotouille_evaluation.metrics.statistics import (
     bootstrap,
     mcnemar_test,
     permutation_test,
+    rank_correlation,
 )
 from tests.support.thorough import thorough
 
@@ -24,6 +25,18 @@ def test_interval_of_a_hundred_coins() -> None:
     assert (found.estimate, found.count) == (0.47, 100)
     assert found.low == pytest.approx(0.372, abs=0.015)
     assert found.high == pytest.approx(0.568, abs=0.015)
+
+
+def test_standard_error_by_hand() -> None:
+    # 9 of 30: sqrt(0.3 · 0.7 / 29) = 0.0851, which the paper prints as 0.085.
+    found = bootstrap([[1.0]] * 9 + [[0.0]] * 21)
+    assert found is not None and found.error == pytest.approx(0.0851, abs=5e-5)
+    # Means 1/3 and 1 with weights 3 and 1: residuals of 0.5 are -0.5 and 0.5, and 2 · 0.5 / 16.
+    uneven = bootstrap([[1.0, 0.0, 0.0], [1.0]])
+    assert uneven is not None and uneven.error == pytest.approx((2 * 0.5) ** 0.5 / 4)
+    # Two equal trials of each instance say no more than one.
+    twice = bootstrap([[1.0, 1.0]] * 9 + [[0.0, 0.0]] * 21)
+    assert twice is not None and twice.error == pytest.approx(found.error)
 
 
 def width(interval: Interval) -> float:
@@ -93,7 +106,17 @@ def test_mcnemar_by_hand() -> None:
     assert mcnemar_test(one, other) == 0.125
 
 
+def test_rank_correlation_by_hand() -> None:
+    assert rank_correlation([1, 2, 3], [10, 20, 90]) == pytest.approx(1)
+    # Ranks 1, 2.5, 2.5 and 3, 1, 2: covariance -0.75, deviations sqrt(0.75) and 1.
+    assert rank_correlation([1, 5, 5], [9, 7, 8]) == pytest.approx(-0.75 / 0.75**0.5)
+    assert rank_correlation([1, 2, 3], [0, 0, 0]) is None
+    assert rank_correlation([], []) is None
+
+
 def test_unequal_lengths_are_errors() -> None:
+    with pytest.raises(ValueError, match="not paired"):
+        rank_correlation([1.0], [])
     with pytest.raises(ValueError, match="not paired"):
         permutation_test([1.0], [])
     with pytest.raises(ValueError, match="not paired"):

@@ -12,13 +12,17 @@ import pytest
 from robotouille.html_report.page import Cell, Table, TableRow
 from robotouille_evaluation.metrics import (
     BudgetRow,
+    Category,
     EpisodeMeasures,
+    Optimum,
     Result,
+    ResultRow,
     score_share,
     success_rate,
 )
-from robotouille_evaluation.metrics.rows import RealTimeRow
+from robotouille_evaluation.metrics.rows import FailureRow, RealTimeRow
 from robotouille_evaluation.report import published
+from robotouille_evaluation.report.appendix_tables import horizons, recovery
 from robotouille_evaluation.report.grouping import datasets, may_be_react, named, task_number, tasks
 from robotouille_evaluation.report.tables import (
     ablations,
@@ -36,6 +40,7 @@ from robotouille_evaluation.report.tables import (
 from robotouille_evaluation.report.write import write_parquet
 from tests.support.episode_rows import made_up_rows, row, shift_row
 
+WON = Result(success=True, steps=8, ended_by="goal")
 LOST = Result(success=False, steps=12, ended_by="step-limit")
 
 
@@ -45,7 +50,8 @@ def test_success_by_dataset() -> None:
     assert table.columns == ("player", "synchronous", "episodes")
     own, *theirs = table.rows
     assert own.cells[0] == "planner"
-    assert own.cells[1].startswith("75 % (")
+    # Three of four: sqrt(0.75 · 0.25 / 3) = 0.25.
+    assert own.cells[1].startswith("75 % ± 25 (")
     assert own.cells[2] == "4"
     assert TableRow(("gpt-4o, ReAct", "47 %", "–"), reference=True) in theirs
     assert all(line.reference for line in theirs)
@@ -58,7 +64,7 @@ def test_scores_of_shifts_are_shares_of_the_points_of_planners() -> None:
         shift_row(7, planner=None, task="02_x"),
     ]
     (line,) = scores(rows).rows
-    assert line.cells == ("planner", "shifts", "70 % (50–90)", "49", "4", "1", "3")
+    assert line.cells == ("planner", "shifts", "70 % ± 20 (50–90)", "49", "4", "1", "3")
     by_task = [line.cells for line in scores_by_task(rows).rows]
     assert by_task == [("01_x", "1", "100", "50 %"), ("02_x", "1", "100", "90 %")]
 
@@ -73,6 +79,16 @@ def test_shifts_are_not_counted_as_failures() -> None:
     assert success_rate([shift_row(50), row()]) == 1
     assert score_share(row()) is None
     assert score_share(shift_row(50, planner=0)) is None
+
+
+def test_published_success_of_finding_7_has_standard_errors() -> None:
+    lines = success_by_dataset([row(dataset="asynchronous")]).rows
+    rates = {line.cells[0]: line.cells[1] for line in lines if line.reference}
+    assert rates["gpt-4o, ReAct, tasks 1 to 3"] == "30 % ± 8.5"
+    assert rates["gpt-4o, ReAct + Prior, tasks 1 to 3"] == "40 % ± 5"
+    assert rates["gpt-4o, ReAct"] == "11 %"
+    sync = success_by_dataset([row()]).rows
+    assert not any("Prior" in str(line.cells[0]) for line in sync)
 
 
 def test_part_of_a_data_set_is_marked() -> None:
@@ -99,12 +115,49 @@ def test_success_by_task_has_published_columns() -> None:
 
 @pytest.mark.parametrize(
     ("agent", "strategy", "known"),
-    [("react-none (m)", "react-none", True), ("ReAct/x (m)", "ReAct/x", True),
+    [("react-none (m)", "react-none", True), ("react-rules (m)", "react-rules", False),
+     ("ReAct/a/b-mpc-prior (m)", "ReAct/a/b-mpc-prior", False), ("ReAct/x (m)", "ReAct/x", True),
      ("mine:Numbered", "", True), ("planner", "", False), ("IO-CoT/x (m)", "IO-CoT/x", False),
      ("PLaG-BaG/x (m)", "PLaG-BaG/x", False), ("io (m)", "", False)],
 )  # fmt: skip
 def test_agents_that_are_not_react(agent: str, strategy: str, known: bool) -> None:
     assert may_be_react(row(agent=agent, strategy=strategy)) is known
+    assert not may_be_react(row(agent=agent, strategy=strategy, variant="stochastic"))
+
+
+def test_success_and_horizon() -> None:
+    lengths = {1: 8, 2: 14, 3: 24, 4: 10}
+    rows = [
+        row(task=f"{n:02}_x", optimum=Optimum(steps=steps), outcome=LOST if steps > 12 else WON)
+        for n, steps in lengths.items()
+    ]
+    own, *theirs = horizons(rows).rows
+    # Ranks 1, 3, 4, 2 of the lengths and 3.5, 1.5, 1.5, 3.5 of the rates.
+    assert own.cells == ("planner", "synchronous", "4", "-0.89")
+    assert ("gpt-4o, ReAct", "synchronous", "10", "-0.59") in [line.cells for line in theirs]
+    assert not horizons(rows[:2]).rows, "two tasks always have a perfect correlation"
+    same = [each.model_copy(update={"outcome": WON}) for each in rows]
+    assert horizons(same).rows[0].cells[3] == "–"
+
+
+def test_recovery_in_transition_failures() -> None:
+    def failed(category: Category, recovered: int, repeated: int) -> ResultRow:
+        cause = FailureRow(category=category, subcategory="x")
+        return row(
+            outcome=LOST,
+            measures=EpisodeMeasures(
+                stumbles=2, recovered=recovered, repeated_mistakes=repeated, failure=cause
+            ),
+        )
+
+    rule = Category.TRANSITION
+    rows = [failed(rule, 2, 1), failed(rule, 1, 0), failed(rule, 0, 0), failed(Category.GOAL, 1, 0)]
+    own, *theirs = recovery([row(), *rows]).rows
+    assert own.cells == ("planner", "synchronous", "3", "66.7 %", "50 %")
+    assert [line.cells for line in theirs] == [
+        ("gpt-4o, ReAct", "synchronous", "17", "58.8 %", "90 %")
+    ]
+    assert not recovery([row(), rows[-1]]).rows
 
 
 def test_published_ablations_are_next_to_ablations_only() -> None:
@@ -205,12 +258,17 @@ def test_data_sets_and_tasks_are_in_the_papers_order() -> None:
     assert list(tasks(rows))[0].startswith("01_")
 
 
-@pytest.mark.parametrize("cell", ["=1+1", "+1", "-1", "@a", "\t=1", "  =1", "\ta"])
+@pytest.mark.parametrize("cell", ["=1+1", "+1", "-1+1", "@a", "\t=1", "  =1", "\ta"])
 def test_csv_cells_and_headings_are_never_formulas(cell: str) -> None:
     table = Table(("player", cell), [TableRow(("a,b", cell))])
     head, line = csv.reader(StringIO(csv_text(table), newline=""))
     assert head == ["player", f"'{cell}", "source"]
     assert line == ["a,b", f"'{cell}", "own"]
+
+
+def test_negative_numbers_stay_numbers() -> None:
+    table = Table(("player", "share"), [TableRow(("-0.5", "-13.8 %"))])
+    assert csv_text(table).splitlines()[1] == "-0.5,-13.8 %,own"
 
 
 def test_csv_cells_have_one_line() -> None:
