@@ -24,7 +24,7 @@ from robotouille.planning.policies.standing import (
 )
 from robotouille.planning.policies.team_plan import BRIEF, MAX_BRIEF, PORTION
 from robotouille.planning.policies.team_talk import INSIST
-from tests.programs.partner_games import RATE, person
+from tests.programs.simulated_people import RATE, person
 from tests.support.samples import quick_sample
 from tests.support.team_games import Idle, RandomWalker, play_team
 
@@ -246,7 +246,7 @@ def test_waiting_bot_makes_way() -> None:
     def look(state: State) -> None:
         aside.append(is_out_of_the_way(state, "robot1") or bool(state.busy_steps("robot1")))
 
-    holder = Holder("bottombun1", look)  # type: ignore[arg-type]
+    holder = Holder("bottombun1", look)
     play_team("multi_agent/01@2", {"robot2": holder}, clock=Clock.REALTIME, limit=60)
     assert len(aside) > 40
     assert all(aside[-20:])
