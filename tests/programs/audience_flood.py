@@ -13,6 +13,7 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 
+from tests.programs.rematch_flood import RematchPlayer
 from tests.support.fuzzing.wire import TEXT, frame, request
 
 __all__ = ["AudienceFlood"]
@@ -24,6 +25,9 @@ MESSAGES_A_SECOND = 190.0
 """Slightly less than the server's limit: above it, a player would be disconnected."""
 RESYNCS_A_SECOND = 20.0
 """Slightly less than the server's limit for messages with so long an answer."""
+MIXED_A_SECOND, SAY_EVERY, RESYNC_EVERY = 100.0, 50, 20
+"""Rate of messages that contain as much chat as a player may send, five requests for snapshots a
+second, and actions."""
 
 
 def _message(**fields: object) -> bytes:
@@ -61,20 +65,28 @@ def _room(port: int, name: str, task: str, view: str) -> tuple[list[socket.socke
         players.append(_connect(port, f"{name} {number}"))
         players[-1].sendall(_message(type="join", episode=code, view=view))
         _read_until(players[-1], b'"roster"')
+    return players + _spectators(port, name, code, view), len(players)
+
+
+def _spectators(port: int, name: str, code: str, view: str) -> list[socket.socket]:
     watch = _message(type="join", episode=code, role="spectator", view=view)
     spectators = [_connect(port, f"{name} w{i}") for i in range(SPECTATORS)]
     for spectator in spectators:
         spectator.sendall(watch)
-    return players + spectators, len(players)
+    return spectators
 
 
 class _Sender:
-    """Player that acts or chats, or spectator that asks for snapshots, as fast as it may."""
+    """Player that acts, chats or does everything, or spectator that asks for snapshots.
+
+    It sends as fast as it may.
+    """
 
     def __init__(self, connection: socket.socket, kind: str) -> None:
         self._connection = connection
         self._kind = kind
-        self._rate = RESYNCS_A_SECOND if kind == "resync" else MESSAGES_A_SECOND
+        rates = {"resync": RESYNCS_A_SECOND, "mixed": MIXED_A_SECOND}
+        self._rate = rates.get(kind, MESSAGES_A_SECOND)
         self._seq = 0
         self._began = time.monotonic()
 
@@ -90,9 +102,10 @@ class _Sender:
                 self._connection.send(self._message())
 
     def _message(self) -> bytes:
-        if self._kind == "say":
+        mixed = self._kind == "mixed"
+        if self._kind == "say" or (mixed and self._seq % SAY_EVERY == 0):
             return _message(type="say", text="x")
-        if self._kind == "resync":
+        if self._kind == "resync" or (mixed and self._seq % RESYNC_EVERY == 1):
             return _message(type="resync")
         return _message(type="act", seq=self._seq, action=None)
 
@@ -103,21 +116,32 @@ class AudienceFlood:
     Args:
         port: The port of the server.
         rooms: The task and the view of each room.
-        chats: True if the players chat, False if they act.
+        players: What the players do: `act`, `say`, or `mixed` for everything.
         resyncs: True if the spectators ask for snapshots.
+        rematches: True for one more room full of spectators, whose player asks for rematches.
     """
 
     def __init__(
-        self, port: int, rooms: Sequence[tuple[str, str]], *, chats: bool, resyncs: bool = False
+        self,
+        port: int,
+        rooms: Sequence[tuple[str, str]],
+        *,
+        players: str,
+        resyncs: bool = False,
+        rematches: bool = False,
     ) -> None:
         self._senders: list[_Sender] = []
+        self._again = RematchPlayer(port, "eve again") if rematches else None
         self._connections: dict[int, socket.socket] = {}
         for number, (task, view) in enumerate(rooms):
             members, playing = _room(port, f"eve {number}", task, view)
-            self._senders += [_Sender(one, "say" if chats else "act") for one in members[:playing]]
+            self._senders += [_Sender(one, players) for one in members[:playing]]
             if resyncs:
                 self._senders += [_Sender(one, "resync") for one in members[playing:]]
             self._connections |= {one.fileno(): one for one in members}
+        if self._again is not None:
+            watching = _spectators(port, "eve again", self._again.code, "both")
+            self._connections |= {one.fileno(): one for one in watching}
 
     def run(self) -> None:
         """Flood the server until the process is killed."""
@@ -125,7 +149,11 @@ class AudienceFlood:
         for number, connection in self._connections.items():
             connection.setblocking(False)
             poll.register(number, select.EPOLLIN)
+        if self._again is not None:
+            self._again.start()
         while True:
+            if self._again is not None:
+                self._again.push()
             for sender in self._senders:
                 sender.push()
             for number, _ in poll.poll(0.01):

@@ -103,15 +103,16 @@ class Flood:
     With `silent`, the flood only opens and keeps this many connections. With `vanishes`, each
     connection is reset as soon as its first messages are answered, and opened again. With
     `hurries`, it is closed after 40 ms, answered or not. With `watched`, the flood plays in rooms
-    with 200 spectators each, given by their tasks and views; with `resyncs`, these spectators ask
-    for snapshots. With `resumes`, the connections are spectators that vanish all at once and resume
-    their sessions. With `rematches`, they end games and ask for rematches. With `elsewhere`, its
-    connections are remote; new clients are then remote too and have a token. `rooms` is the number
-    of other episodes on the server. With `page`, each connection requests this page again and
-    again; with `operator`, from the operator port. With `records`, the server uses TLS with an RSA
-    key, and the connections send records of this kind. With `broker`, the flood comes from an MQTT
-    broker of this kind, during the whole measurement. With `cluster`, the connections flood another
-    node of the server's cluster, on a real NATS. `max_growth` is the limit for the server's memory.
+    with 200 spectators each, given by their tasks and views; `watched_players` is what their
+    players send; with `resyncs`, these spectators ask for snapshots. With `resumes`, the
+    connections are spectators that vanish all at once and resume their sessions. With `rematches`,
+    players end games and ask for rematches. With `elsewhere`, its connections are remote; new
+    clients are then remote too and have a token. `rooms` is the number of other episodes on the
+    server. With `page`, each connection requests this page again and again; with `operator`, from
+    the operator port. With `records`, the server uses TLS with an RSA key, and the connections send
+    records of this kind. With `broker`, the flood comes from an MQTT broker of this kind, during
+    the whole measurement. With `cluster`, the connections flood another node of the server's
+    cluster, on a real NATS. `max_growth` is the limit for the server's memory.
     """
 
     what: str
@@ -122,7 +123,7 @@ class Flood:
     vanishes: bool = False
     hurries: bool = False
     watched: tuple[tuple[str, str], ...] = ()
-    chats: bool = False
+    watched_players: str = "act"
     resyncs: bool = False
     resumes: bool = False
     rematches: bool = False
@@ -268,7 +269,17 @@ FLOODS = {
     "chat": Flood(
         "chat of 4 players with 200 spectators",
         watched=(("multi_agent/10@4", "state"),),
-        chats=True,
+        watched_players="say",
+    ),
+    "mixed": Flood(
+        "actions, chat, requests for snapshots and rematches of 4 players with 800 spectators",
+        watched=(
+            ("asynchronous/10", "both"),
+            ("asynchronous/10", "both"),
+            ("training/01_synchronous", "both"),
+        ),
+        watched_players="mixed",
+        rematches=True,
     ),
 }
 
@@ -354,7 +365,13 @@ def attack(name: str, port: int, code: str) -> None:
     os.nice(5)
     flood = FLOODS[name]
     rooms = (
-        AudienceFlood(port, flood.watched, chats=flood.chats, resyncs=flood.resyncs)
+        AudienceFlood(
+            port,
+            flood.watched,
+            players=flood.watched_players,
+            resyncs=flood.resyncs,
+            rematches=flood.rematches,
+        )
         if flood.watched
         else None
     )
