@@ -54,6 +54,7 @@ def test_documented_bot_plays_an_episode(tmp_path: Path) -> None:
         ("needy:Bot", "needy needs 'no_such_library', which is not installed"),
         ("broken:Bot", "broken cannot be imported: SyntaxError: "),
         ("failing:Bot", "failing cannot be imported: ZeroDivisionError: division by zero"),
+        ("script:Bot", "script cannot be imported: SystemExit: 0"),
     ],
 )
 def test_own_bot_mistakes_are_explained(bot: str, message: str, tmp_path: Path) -> None:
@@ -65,6 +66,7 @@ def test_own_bot_mistakes_are_explained(bot: str, message: str, tmp_path: Path) 
     (tmp_path / "broken.py").write_text("class Bot(:\n")
     (tmp_path / "broken.npz").write_bytes(b"no archive")
     (tmp_path / "failing.py").write_text("1 / 0\n")
+    (tmp_path / "script.py").write_text("raise SystemExit(0)\n")
     done = run_bot(tmp_path, bot, "--url", "ws://127.0.0.1:9")
     assert done.returncode == 1
     assert message in done.stderr

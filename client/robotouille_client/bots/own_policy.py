@@ -163,7 +163,7 @@ def _import(name: str) -> Any:
                 f"no {file} in {folder}, and no installed package {name}"
             ) from None
         raise RobotouilleError(f"{name} needs {error.name!r}, which is not installed") from error
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # A script may call `sys.exit`.
         message = f"{name} cannot be imported: {type(error).__name__}: {error}"
         raise RobotouilleError(message) from error
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from robotouille.planning.policies import Did
@@ -36,9 +36,33 @@ GROUP = "robotouille.agents"
 
 
 def installed_agents() -> dict[str, str]:
-    """Return the agents that installed packages register: `MODULE:NAME` by name."""
-    found = sorted(entry_points(group=GROUP), key=lambda entry: (entry.name, entry.value))
-    return {entry.name: f"{entry.module}:{entry.attr}" for entry in found}
+    """Return the agents that installed packages register: `MODULE:NAME` by name.
+
+    Others are left out; see `broken_agents`.
+    """
+    return {entry.name: target for entry in _registered() if (target := _target(entry))}
+
+
+def broken_agents() -> dict[str, str]:
+    """Return why agents that installed packages register cannot be used, by name."""
+    working = installed_agents()
+    return {
+        entry.name: f"the package {entry.dist.name if entry.dist else '?'} registers "
+        f"{entry.value!r}, which is not MODULE:NAME"
+        for entry in _registered()
+        if entry.name not in working
+    }
+
+
+def _registered() -> list[EntryPoint]:
+    return sorted(entry_points(group=GROUP), key=lambda entry: (entry.name, entry.value))
+
+
+def _target(entry: EntryPoint) -> str:
+    """Return the entry's `MODULE:NAME`, or an empty string if its value is something else."""
+    if not EntryPoint.pattern.fullmatch(entry.value) or not entry.attr:
+        return ""
+    return f"{entry.module}:{entry.attr}"
 
 
 def is_custom(name: str) -> bool:

@@ -14,7 +14,12 @@ from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille.installation import matching_names
 from robotouille.terminal import tell
 from robotouille_client.bots.own_policy import own_policy_maker
-from robotouille_evaluation.agents.custom import asks_a_model, installed_agents, is_custom
+from robotouille_evaluation.agents.custom import (
+    asks_a_model,
+    broken_agents,
+    installed_agents,
+    is_custom,
+)
 from robotouille_evaluation.agents.making import OWN_STRATEGIES, STRATEGY_WORDS, make_strategy
 from robotouille_evaluation.cli.models import ModelChoice, check_model
 from robotouille_evaluation.cli.run_options import RunOptions
@@ -380,6 +385,8 @@ def _check_strategy(name: str, pack: Pack) -> None:
         _experiment(pack, name)
     elif "/" in name:
         raise _unknown_experiment(name, pack)
+    elif name in (broken := broken_agents()) and name not in OWN_STRATEGIES:
+        raise RobotouilleError(f"the agent {name!r} cannot be used: {broken[name]}")
     elif name not in OWN_STRATEGIES and not is_custom(name):
         known = [*COMPUTED, *OWN_STRATEGIES, *installed_agents(), *experiments]
         near = did_you_mean(name, known) or f"; choose {', '.join(known)}, or MODULE:NAME"
@@ -408,6 +415,9 @@ def agent_lines(experiments: Iterable[Experiment]) -> Iterator[tuple[str, str]]:
     for name, target in installed_agents().items():
         if name not in (*COMPUTED, *OWN_STRATEGIES):
             yield name, f"installed: {target}"
+    for name, why in broken_agents().items():
+        if name not in (*COMPUTED, *OWN_STRATEGIES):
+            yield name, f"cannot be used: {why}"
     for experiment in experiments:
         if experiment.agent != HUMAN:
             tasks = len(experiment.tasks)

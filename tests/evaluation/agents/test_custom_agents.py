@@ -191,3 +191,20 @@ def test_installed_agent_without_its_module(module: str, tmp_path: Path) -> None
     registered(tmp_path, gone=f"{module}_gone:Agent")
     with pytest.raises(RobotouilleError, match=f"{module}_gone"):
         plan_run(tmp_path / "run", RunOptions(agents="gone", tasks=SANDWICH))
+
+
+@pytest.mark.parametrize("target", [":Agent", "module", "my module:Agent", "module:Agent!"])
+def test_broken_agent_of_an_installed_package(module: str, tmp_path: Path, target: str) -> None:
+    registered(tmp_path, broken=target, numbered=f"{module}:Numbered")
+    why = f"the package my-agents registers {target!r}, which is not MODULE:NAME"
+    listed = called("agents")
+    assert listed.exit_code == 0
+    assert f"cannot be used: {why}" in listed.output
+    assert f"installed: {module}:Numbered" in listed.output
+
+    options = RunOptions(agents="numbered", model="mock", tasks=SANDWICH, limit=1)
+    assert len(plan_run(tmp_path / "run", options).jobs) == 1
+    asked = called("run", tmp_path / "run", "--agents", "broken", "--tasks", SANDWICH)
+    assert asked.exit_code == 1
+    assert f"the agent 'broken' cannot be used: {why}" in " ".join(asked.output.split())
+    assert not (tmp_path / "run").exists()
