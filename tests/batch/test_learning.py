@@ -157,3 +157,29 @@ def test_a_short_run_writes_curves_and_weights(tmp_path: Path) -> None:
         "training_03_ippo_0.npz",
         "training_03_mappo_0.npz",
     ]
+
+
+@pytest.mark.slow
+def test_a_run_too_short_for_an_episode_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from robotouille_jax.learning.__main__ import main
+
+    sizes = "--algorithms ippo --copies 2 --rollout 2 --updates 2 --hidden 4 --seeds 2"
+    words = ["training/03@2", "--out", str(tmp_path), "--no-picture", *sizes.split()]
+    assert main(words) == 0
+    shown = capsys.readouterr().out
+    assert "ippo last 10 rollouts, goals: - -" in shown
+    assert "no episode from the task's first state ended" in shown
+    assert "nan" not in shown
+
+
+def test_a_file_in_place_of_the_results_is_named_before_the_training(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from robotouille_jax.learning.__main__ import main
+
+    (tmp_path / "out").touch()
+    assert main(["training/03@2", "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert error == f"robotouille-train: --out: {tmp_path / 'out'} is a file; expected a folder\n"

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from robotouille import RobotouilleError, World
+from robotouille.output_files import check_folder
 from robotouille_jax.learning.network import Networks
 from robotouille_jax.learning.ppo import Config, Curve, trainer
 from robotouille_jax.learning.results import Training, draw_results, write_results
@@ -28,6 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Train runs of both algorithms side by side; write curves, weights and a picture."""
     asked = _parser().parse_args(arguments)
     try:
+        check_folder(asked.out)
         config = Config(**{field.name: getattr(asked, field.name) for field in fields(Config)})
         training = _training(asked, config)
         networks, curve = train(training, asked.seconds)

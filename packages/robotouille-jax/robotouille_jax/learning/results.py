@@ -15,6 +15,9 @@ from robotouille_jax.learning.ppo import Config, Curve
 from robotouille_jax.learning.team_environment import TeamEnvironment
 from robotouille_jax.learning.weights import write_weights
 
+LAST = 10
+"""Rollouts at the end of a run whose means are printed."""
+
 
 @dataclass(frozen=True)
 class Training:
@@ -54,14 +57,22 @@ def write_results(training: Training, networks: Networks, curve: Curve, out: Pat
     _write_networks(training, networks, out)
     points = np.arange(1.0, len(curve.goals[0]) + 1)
     points *= training.config.copies * training.config.rollout
-    all_curves = []
+    all_curves, missing = [], False
     for i, algorithm in enumerate(training.algorithms):
         own = slice(i * training.seeds, (i + 1) * training.seeds)
         parts = {name: getattr(curve, name)[own] for name in training.measures}
         all_curves.append(RunCurves(training.task, algorithm.upper(), points, parts))
         for name, values in parts.items():
-            last = np.round(_last(values), 3)
-            print(f"{training.task}: {algorithm} last 10 rollouts, {name}: {last}")
+            last = _last(values)
+            missing = missing or bool(np.isnan(last).any())
+            words = " ".join("-" if np.isnan(number) else f"{number:.3f}" for number in last)
+            print(f"{training.task}: {algorithm} last {LAST} rollouts, {name}: {words}")
+    if missing:
+        print(
+            f"-: in these rollouts of {training.config.rollout} steps, no episode from the task's "
+            "first state ended or, for steps, reached the goal: train with more --updates. "
+            "Progress is measured with a --shaping above 0 only"
+        )
     table = out / f"{training.stem}_curves.csv"
     write_curves(table, all_curves)
     return table
@@ -82,5 +93,5 @@ def _write_networks(training: Training, networks: Networks, out: Path) -> None:
 
 def _last(values: Numbers) -> list[float]:
     # No episode may have ended, or none at the goal.
-    ends = (run[~np.isnan(run)] for run in values[:, -10:])
+    ends = (run[~np.isnan(run)] for run in values[:, -LAST:])
     return [float(run.mean()) if len(run) else np.nan for run in ends]
