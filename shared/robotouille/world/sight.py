@@ -60,6 +60,13 @@ class Sight:
         )
 
 
+PART_OF_KITCHEN = (
+    "You see a part of the kitchen. Of things out of sight, you know neither the place nor the "
+    "condition, and actions may fail because of them."
+)
+"""Explanation for language models, in each text because some prompts contain the last text only."""
+
+
 @dataclass(frozen=True)
 class Seen:
     """The part of a state that some players see, or one of them.
@@ -125,7 +132,7 @@ class Seen:
             end = orders_text(world, world.shift, state.orders)
         else:
             end = conditions_text(world.goal_terms(state))
-        beyond = f"Out of sight: {', '.join(self.hidden) or 'nothing'}."
+        beyond = f"{PART_OF_KITCHEN}\nOut of sight: {', '.join(self.hidden) or 'nothing'}."
         text = observation(world, state.facts, self.actions_of(player))
         return text_view(f"{beyond}\n\n{text}", player, end)
 

@@ -79,6 +79,29 @@ def test_one_model_plays_all_seats(tmp_path: Path, control: Control, clock: str)
     assert ("In this step" in player.asked[1]) == (control == "turns" and clock == "lockstep")
 
 
+@pytest.mark.parametrize("strategy", ["react-full", "react-last-reasoning-action-plan"])
+@virtual
+async def test_each_request_explains_limited_sight(tmp_path: Path, strategy: str) -> None:
+    asked: list[str] = []
+
+    def answer(request: ModelRequest) -> str:
+        asked.append(request.messages[-1].content)
+        return f"Reasoning: so.\nAction: {NOTHING}"
+
+    model = ScriptedModel(answer)
+    async with serving(tmp_path) as server, connect(server.url, name="m") as client:
+        opened = await client.create("synchronous/01", max_steps=2, sight=1)
+        game = await client.join(opened.code, view="text")
+        mind = make_strategy(pack(), strategy, "synchronous")
+        await NetworkAgent(
+            game, IndependentTeam({"robot1": mind}, {"robot1": model.complete})
+        ).play()
+    assert len(asked) == 2
+    for text in asked:
+        assert "You see a part of the kitchen." in text
+        assert "\nOut of sight: " in text
+
+
 def mock(control: Control) -> LanguageModelBot:
     return LanguageModelBot.of(LlmBotOptions(strategy="react-none"), seed=1, control=control)
 
