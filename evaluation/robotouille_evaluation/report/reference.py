@@ -13,6 +13,8 @@ from robotouille_evaluation.report import published
 from robotouille_evaluation.report.bins import (
     AWAY,
     FARTHER_AWAY,
+    OPTIMALITY_BINS,
+    STEPS_TO_GO_BINS,
     optimality_bin,
     steps_to_go_bin,
 )
@@ -21,6 +23,14 @@ Shares = Mapping[str, Mapping[str, float]]
 """Per cent by data set and bin or kind."""
 FailureKind = tuple[str, str]
 """Category and subcategory."""
+
+
+BINNED = {
+    "optimality": (optimality_bin, OPTIMALITY_BINS),
+    # The published ratios are numbers, so the last bin, "out of reach", is unknown.
+    "steps_to_go": (steps_to_go_bin, STEPS_TO_GO_BINS[:-1]),
+}
+"""Figures with histograms: the bin of a value, and all bins."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,10 +74,10 @@ def reference_of(figures: Iterable[FigureData]) -> Reference:
     binned: dict[str, dict[str, dict[str, float]]] = {"optimality": {}, "steps_to_go": {}}
     for (figure, dataset, _), values in samples.items():
         if figure in binned:
-            bin_of = optimality_bin if figure == "optimality" else steps_to_go_bin
-            binned[figure][dataset] = _shares(map(bin_of, values))
+            bin_of, bins = BINNED[figure]
+            binned[figure][dataset] = dict.fromkeys(bins, 0.0) | _shares(map(bin_of, values))
     for shares in binned["steps_to_go"].values():
-        shares[AWAY] = sum(shares.get(name, 0) for name in FARTHER_AWAY)
+        shares[AWAY] = sum(shares[name] for name in FARTHER_AWAY)
     return Reference(
         optimality=binned["optimality"],
         steps_to_go=binned["steps_to_go"],

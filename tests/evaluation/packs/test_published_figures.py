@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from robotouille.errors import FileError
+from robotouille_evaluation.metrics import Result
 from robotouille_evaluation.packs.pack import FigureData
 from robotouille_evaluation.packs.published_checkout import read_checkout
 from robotouille_evaluation.packs.published_figures import NOTEBOOK, read_figures
@@ -164,15 +165,29 @@ def test_figures_have_the_published_results(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_published_numbers_of_react_are_next_to_react_only(tmp_path: Path) -> None:
+def test_published_numbers_of_react_are_next_to_react_or_have_a_panel(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     reference = reference_of(read_figures(written(tmp_path, CELL)))
     failed = [each for each in made_up_rows(4) if each.agent == "random"]
-    for name, theirs in (("ReAct/synchronous/mine", True), ("IO/synchronous/io", False)):
+    for name, beside in (("ReAct/synchronous/mine", True), ("IO/synchronous/io", False)):
         rows = [each.model_copy(update={"strategy": name}) for each in failed]
         plain, compared = ({f.name: f for f in all_figures(rows, r)}
                            for r in (Reference(steps_to_go={}), reference))  # fmt: skip
         for figure in ("steps_to_go", "repeated_transitions"):
-            drawn = plain[figure].svg != compared[figure].svg
-            named = "gpt-4o with ReAct" in compared[figure].caption
-            assert drawn == named == theirs, (figure, name)
+            assert plain[figure].svg != compared[figure].svg
+            assert "gpt-4o with ReAct" in compared[figure].caption
+            assert ("gpt-4o, ReAct (published)" in compared[figure].svg) != beside, (figure, name)
+
+
+@pytest.mark.slow
+def test_figures_without_own_results_have_the_published_ones(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    reference = reference_of(read_figures(written(tmp_path, "synchronous_optimality = [1, 1.3]")))
+    lost = Result(success=False, steps=12, ended_by="step-limit")
+    rows = [row(agent="ReAct/x (m)", strategy="ReAct/x", outcome=lost)]
+    drawn = {figure.name: figure for figure in all_figures(rows, reference)}
+    assert "gpt-4o, ReAct (published)" in drawn["optimality"].svg
+    changed = [each.model_copy(update={"variant": "stochastic"}) for each in rows]
+    assert "optimality" not in {figure.name for figure in all_figures(changed, reference)}
+    # The paper's text has some of the bins only.
+    assert "optimality" not in {figure.name for figure in all_figures(rows, Reference())}
