@@ -7,7 +7,9 @@ as printed, even where a table's total is not the mean of its rows.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from statistics import fmean
 
 SOURCE = "Gonzalez-Pumariega et al., Robotouille, ICLR 2025"
 
@@ -82,6 +84,15 @@ SUCCESS_BY_TASK: dict[str, dict[str, tuple[float, ...]]] = {
     },
 }
 """Tables "tasks-results" and "other-async-baselines": gpt-4o, per cent for tasks 1 to 10."""
+
+
+def success_on_tasks(each: PublishedSuccess, dataset: str, numbers: Iterable[int]) -> float | None:
+    """Return the mean rate on some tasks of a data set, if the paper has rates by task."""
+    rates = SUCCESS_BY_TASK.get(dataset, {}).get(each.strategy)
+    if each.model != "gpt-4o" or rates is None:
+        return None
+    return fmean(rates[number - 1] for number in numbers)
+
 
 HORIZONS = {
     "synchronous": (10, 14, 24, 10, 15, 23, 36, 44, 63, 57),

@@ -118,7 +118,7 @@ def success_by_dataset(rows: Sequence[ResultRow]) -> Table:
         cells = [_success_and_part(each, own.get(each, ())) for each in sets]
         lines.append(TableRow((name, *cells, str(len(group)))))
     for each in published.SUCCESS:
-        known = [each.cell(one) for one in sets]
+        known = [_published_success(each, one, all_sets[one]) for one in sets]
         if any(known):
             cells = [cell or NONE for cell in known]
             lines.append(reference_row(f"{each.model}, {each.strategy}", *cells, NONE))
@@ -126,10 +126,23 @@ def success_by_dataset(rows: Sequence[ResultRow]) -> Table:
         "Share of episodes that reached the goal within their step budget, ± standard error, with "
         "95 % bootstrap intervals over instances; docs/metrics.md compares them with the paper's "
         "errors. Each published number is from 10 episodes of each task. Do not compare a "
-        "part of a data set with the whole: its tasks differ in difficulty."
+        "part of a data set with the whole: its tasks differ in difficulty. Published rates on the "
+        "tasks played here are means of the paper's rates by task."
         + _left_out("data sets", all_sets, sets)
     )
     return new_table("success", "Success by data set", ("player", *sets, "episodes"), lines, note)
+
+
+def _published_success(
+    each: published.PublishedSuccess, dataset: str, rows: Sequence[ResultRow]
+) -> str | None:
+    """Return a published rate, if part of the data set was played also on these tasks."""
+    cell = each.cell(dataset)
+    numbers = {number for row in rows if (number := task_number(row.task))}
+    if cell is None or not part_played(dataset, rows) or not numbers or max(numbers) > 10:
+        return cell
+    same = published.success_on_tasks(each, dataset, numbers)
+    return cell if same is None else f"{cell}, {published_percent(same)} on tasks played"
 
 
 def _left_out(what: str, groups: Sized, shown: Sized) -> str:

@@ -53,7 +53,12 @@ def test_success_by_dataset() -> None:
     # Three of four: sqrt(0.75 · 0.25 / 3) = 0.25.
     assert own.cells[1].startswith("75 % ± 25 (")
     assert own.cells[2] == "4"
-    assert TableRow(("gpt-4o, ReAct", "47 %", "–"), reference=True) in theirs
+    published = ("gpt-4o, ReAct", "47 %, 70 % on tasks played", "–")
+    assert TableRow(published, reference=True) in theirs
+    whole = [row(task=f"{n:02}_x") for n in range(1, 11)]
+    assert "47 %" in [line.cells[1] for line in success_by_dataset(whole).rows]
+    unknown = success_by_dataset([row(task="soup"), row(task="99_x")]).rows
+    assert "47 %" in [line.cells[1] for line in unknown]
     assert all(line.reference for line in theirs)
 
 
@@ -86,7 +91,8 @@ def test_published_success_of_finding_7_has_standard_errors() -> None:
     rates = {line.cells[0]: line.cells[1] for line in lines if line.reference}
     assert rates["gpt-4o, ReAct, tasks 1 to 3"] == "30 % ± 8.5"
     assert rates["gpt-4o, ReAct + Prior, tasks 1 to 3"] == "40 % ± 5"
-    assert rates["gpt-4o, ReAct"] == "11 %"
+    assert rates["gpt-4o, ReAct"] == "11 %, 20 % on tasks played"
+    assert rates["gpt-4o-mini, ReAct"] == "0 %", "the paper has its total only"
     sync = success_by_dataset([row()]).rows
     assert not any("Prior" in str(line.cells[0]) for line in sync)
 
