@@ -159,7 +159,7 @@ class TestOverview:
             for row in nodes:
                 assert row["silent"] <= 2
                 assert (row["leaving"], row["problem"]) == (False, "")
-                assert row["same_keys"] and row["same_version"]
+                assert row["same_keys"] and row["same_version"] and row["same_tasks"]
 
     @virtual
     async def test_nodes_with_other_keys_and_versions_are_marked(self, tmp_path: Path) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import random
-from collections.abc import AsyncIterator
+import time
+from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -86,18 +88,34 @@ async def cluster_of(folder: Path, nodes: int = 3, **options: Any) -> AsyncItera
 
 @asynccontextmanager
 async def cluster_on(
-    nats: SimulatedNats, folder: Path, nodes: int, **options: Any
+    nats: SimulatedNats,
+    folder: Path,
+    nodes: int,
+    *,
+    each: Sequence[Mapping[str, Any]] = (),
+    clocks: Sequence[float] = (),
+    **options: Any,
 ) -> AsyncIterator[Nodes]:
-    """Run some nodes on a service that exists. Call this in virtual time."""
+    """Run some nodes on a service that exists. Call this in virtual time.
+
+    Args:
+        nats: The service.
+        folder: The folder for the nodes' recordings.
+        nodes: The number of nodes.
+        each: Options of each node that differ from those of the others.
+        clocks: The seconds by which the clock of each node is fast.
+        options: Options of all nodes.
+    """
     found = Nodes(nats)
     async with AsyncExitStack() as stack:
         for i in range(nodes):
             own = folder / f"node{i}"
             values = {"countdown": 0.0, "port": 0, "recordings": own, **options}
-            settings = ServerSettings(**values)
+            settings = ServerSettings(**{**values, **(each[i] if each else {})})
             around = Surroundings(
                 randomness=random.Random(i),
                 timestamp=lambda: STAMP,
+                wall=partial(_clock, clocks[i] if clocks else 0.0),
                 bot_worker=lambda: ThreadBotWorker(ImmediateExecutor()),
             )
             bus = found.nats.bus(f"node{i}")
@@ -106,3 +124,7 @@ async def cluster_on(
             await stack.enter_async_context(cluster.serving(server))
             found.nodes.append(Node(server, cluster, bus, own))
         yield found
+
+
+def _clock(fast: float) -> float:
+    return time.time() + fast

@@ -43,7 +43,7 @@ class Shared:
         return self.revision
 
     def delete(self) -> None:
-        """Delete the bucket and create an empty one, of which no node receives changes."""
+        """Replace the bucket by an empty one. No node receives its changes."""
         self.entries, self.revision = {}, 0
         for link in self.links:
             link.forget()

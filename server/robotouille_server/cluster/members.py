@@ -38,6 +38,7 @@ class NodeReport(BaseModel):
         protocol: The version of the protocol that it speaks.
         release: Its software and version.
         keys: A digest of the keys that sign its tokens.
+        tasks: A digest of the operator's own tasks.
         leaving: True if it accepts no more episodes.
         refused: Episodes that it could not continue.
     """
@@ -52,6 +53,7 @@ class NodeReport(BaseModel):
     protocol: int = messages.PROTOCOL_VERSION
     release: str = ""
     keys: str = ""
+    tasks: str = ""
     leaving: bool = False
     refused: tuple[str, ...] = ()
 
@@ -186,9 +188,15 @@ class Members:
     def place(self, seats: int, silent: Container[str] = ()) -> NodeReport:
         """Return the node for a new episode: the one with the least load.
 
-        If all candidates are `silent`, this is the own node.
+        Nodes with another version or other tasks are left out, because they may lack the task. If
+        all candidates are `silent`, this is the own node.
         """
-        others = [report for report in self._candidates() if report.name not in silent]
+        others = [
+            report
+            for report in self._candidates()
+            if report.name not in silent
+            and (report.release, report.tasks) == (self.own.release, self.own.tasks)
+        ]
         chosen = min(others, key=self._rank, default=self.own)
         # Until the next report, this node counts what it has placed itself.
         self._placed[chosen.name] = self._placed.get(chosen.name, 0) + seats

@@ -45,6 +45,7 @@ from robotouille_server.rooms.recording.storage import Storage
 from robotouille_server.rooms.room import Room, RoomObserver
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import ClusterMetrics
+from robotouille_server.runtime.task_folder import TaskFolder
 
 LOOK_SECONDS = 0.1
 """Seconds between two looks at the writes under way."""
@@ -55,6 +56,12 @@ ADOPT_SECONDS = 5.0
 """Seconds that another node has to take an episode over."""
 REPAIR_SECONDS = 5.0
 """Seconds without an answer after which the buckets may have been deleted."""
+DIFFERENCES = {
+    "keys": "other nodes sign tokens with other keys",
+    "tasks": "other nodes have other tasks, so this node opens no new episodes there",
+    "protocol": "other nodes speak another version of the protocol, so clients cannot follow there",
+}
+"""Log messages for facts in the reports of nodes that must be equal."""
 
 
 class NodeRooms(Protocol):
@@ -65,6 +72,9 @@ class NodeRooms(Protocol):
 
     @property
     def seats_in_use(self) -> int: ...
+
+    @property
+    def tasks(self) -> TaskFolder: ...
 
     def now(self) -> float: ...
 
@@ -130,6 +140,7 @@ class ClusterNode:
         self._reserved: set[str] = set()
         self._suspect = False
         self._unrepaired = ""
+        self._different: dict[str, list[str]] = {}
         self.cut_off = False
 
     # For journals
@@ -193,7 +204,8 @@ class ClusterNode:
         """
         self._rooms = rooms
         rooms.observe(self)
-        self.members.own = self.members.own.model_copy(update={"url": url})
+        own = {"url": url, "tasks": rooms.tasks.digest}
+        self.members.own = self.members.own.model_copy(update=own)
         await self.bus.answer(f"prepare.{self.name}", self._prepare)
         await self.bus.answer(f"adopt.{self.name}", self._adopt)
         await until_available(self._renew)
@@ -422,7 +434,7 @@ class ClusterNode:
 
     async def _share(self) -> None:
         """Share secrets that have changed. Leases must not wait for this."""
-        share, known = self._parts.every_second, ""
+        share = self._parts.every_second
         while share is not None:
             await asyncio.sleep(RENEW_SECONDS)
             try:
@@ -431,9 +443,17 @@ class ClusterNode:
                 get_logger().debug("secrets not shared", error=str(error))
             except Exception:
                 get_logger().exception("secrets not shared")
-            others = sorted(r.url for r in self.members.alive() if r.keys != self.members.own.keys)
-            if known != (known := ", ".join(others)) and known:
-                get_logger().error("other nodes sign tokens with other keys", nodes=known)
+            self._compare_nodes()
+
+    def _compare_nodes(self) -> None:
+        """Log which nodes differ from this one, whenever that changes."""
+        members = self.members
+        for fact, event in DIFFERENCES.items():
+            own = getattr(members.own, fact)
+            others = sorted(r.url for r in members.alive() if getattr(r, fact) != own)
+            if others and others != self._different.get(fact):
+                get_logger().error(event, nodes=", ".join(others))
+            self._different[fact] = others
 
     async def _look(self) -> None:
         while True:

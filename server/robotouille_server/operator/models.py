@@ -222,6 +222,7 @@ class NodeRow(ResponseModel):
     version: str = Field(description="Its software and version.")
     same_version: bool = Field(description="False if it differs from the node that you asked.")
     same_keys: bool = Field(description="False if it signs tokens with other keys.")
+    same_tasks: bool = Field(description="False if it has other tasks of your own.")
     problem: str = Field("", description="Reason why its episodes are missing, or empty.")
 
 

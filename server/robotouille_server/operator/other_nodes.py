@@ -306,6 +306,7 @@ class OtherNodes:
                 version=report.release,
                 same_version=(report.release, report.protocol) == (own.release, own.protocol),
                 same_keys=report.keys == own.keys,
+                same_tasks=report.tasks == own.tasks,
                 problem=problems.get(report.name) or self._problem(report),
             )
             for report, silent in members.heard_of(self._loop.time())

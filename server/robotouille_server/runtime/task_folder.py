@@ -6,6 +6,7 @@ the rendering and pictures on request.
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -58,10 +59,19 @@ class TaskFolder:
         paths: Mapping[str, Path] | None = None,
         assets: Mapping[str, TaskAssets] | None = None,
         pictures: Mapping[str, bytes] | None = None,
+        digests: Mapping[str, str] | None = None,
     ) -> None:
         self._paths = dict(paths or {})
         self._assets = dict(assets or {})
         self._pictures = dict(pictures or {})
+        self._digests = dict(digests or {})
+
+    @property
+    def digest(self) -> str:
+        """Digest of the names and contents of all tasks; empty without tasks."""
+        if not self._digests:
+            return ""
+        return hashlib.sha256(repr(sorted(self._digests.items())).encode()).hexdigest()[:16]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -120,7 +130,7 @@ def read_task_folder(folder: Path) -> TaskFolder:
         faults.append("the folder has no problem file")
     if faults:
         raise _refused(folder, faults)
-    return TaskFolder(reading.paths, reading.assets, reading.pictures)
+    return TaskFolder(reading.paths, reading.assets, reading.pictures, reading.digests)
 
 
 def _refused(folder: Path, faults: list[str]) -> TaskFolderError:
@@ -151,6 +161,7 @@ class _Reading:
         self.paths: dict[str, Path] = {}
         self.assets: dict[str, TaskAssets] = {}
         self.pictures: dict[str, bytes] = {}
+        self.digests: dict[str, str] = {}
 
     def add(self, path: Path) -> None:
         """Read a task."""
@@ -159,6 +170,7 @@ class _Reading:
             raise TaskFolderError(f"{path.name}: the name is too long, or a shipped task has it")
         task = sound_task(load_task(str(path)))
         self.paths[name] = path
+        self.digests[name] = task.digest
         self.assets[name] = self._read_assets(task)
 
     def _read_assets(self, task: Task) -> TaskAssets:

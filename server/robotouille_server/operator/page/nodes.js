@@ -10,6 +10,7 @@ function marks(row) {
     row.problem,
     row.leaving ? "leaving" : "",
     row.same_keys ? "" : "signs tokens with other keys",
+    row.same_tasks ? "" : "has other tasks",
     row.same_version ? "" : `other version: ${row.version}`,
   ].filter(Boolean);
 }
