@@ -227,3 +227,22 @@ def test_a_shift_on_a_server_has_its_cards(session: WindowSession) -> None:
         yield from session.choose("Quit")
 
     play(session, script, tasks=folder, task="bar", seats=1, max_steps=100)
+
+
+def test_kitchens_of_limited_sight_are_offered_to_watch(session: WindowSession) -> None:
+    def script(server: Server) -> Iterator[None]:
+        yield from wait(20)
+        (label,) = (each for each in session.labels if each.endswith("see a part of it (watch)"))
+        yield from session.choose(label)
+        while session.window is None:
+            yield
+        (room,) = server.lobby.rooms.values()
+        assert room.spectators == 1
+
+    async def main() -> None:
+        async with serving(session.folder / "server") as server:
+            server.lobby.create(Create(task="synchronous/01", sight=2))
+            session.app.settings.prefer(server=server.url)
+            await session.go_online(script(server), session.app.remote.choose_kitchen())
+
+    run(main())
