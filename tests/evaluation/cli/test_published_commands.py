@@ -64,12 +64,16 @@ def test_documented_commands_run_on_a_checkout(
             path.unlink()
     shutil.copy(kept, examples / "asynchronous/3.1_lettuce_cheeseburger.json")
     monkeypatch.chdir(tmp_path)
-    for command in documented("Use the published protocol"):
-        words = [word if word != "gpt-4o" else "mock" for word in command[1:]]
-        limits = ["--expansions", "1", "--timeout", "1"] if "prove" in words else []
-        result = called(*words, *limits)
-        assert result.exit_code == 0, result.output
-    assert "asynchronous/3.1_lettuce_cheeseburger\n" in result.stderr
+    received = ""
+    for heading in ("Use the published protocol", "Measure later"):
+        for command in documented(heading):
+            words = [word if word != "gpt-4o" else "mock" for word in command[1:]]
+            limits = ["--expansions", "1", "--timeout", "1"] if "prove" in words else []
+            result = called(*words, *limits)
+            assert result.exit_code == 0, result.output
+            received += result.stderr
+    assert "asynchronous/3.1_lettuce_cheeseburger\n" in received
+    assert "10 of 10 episodes measured" in received
     for run, agents in (("published", 1), ("baselines", 2)):
         rows = RunFolder(tmp_path / "runs" / run).rows()
         assert {row.task for row in rows} == {"asynchronous/0_cheese_chicken_sandwich"}
