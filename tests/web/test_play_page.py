@@ -45,9 +45,15 @@ from tests.web.visits import (
 pytestmark = BROWSER_TEST
 
 ALONE, TOGETHER = "synchronous/01_cheese_sandwich", "multi_agent/01_lettuce_burger"
+CUTTING = "synchronous/02_lettuce_sandwich"
 TEXT_OF = "((query) => document.querySelector(query).innerText)"
 BUTTON_WITH = "((words) => [...document.querySelectorAll('#choices button')]"
 BUTTON_WITH += ".find((button) => button.innerText === words))"
+FOCUSED_CHOICE = """(() => {
+  const buttons = [...document.querySelectorAll("#choices button")];
+  const place = buttons.indexOf(document.activeElement);
+  return place < 0 ? null : place;
+})()"""
 ENTER = "\ue007"
 """The key Enter in WebDriver."""
 
@@ -94,7 +100,7 @@ def words_of(state: State, player: str, action: GroundAction | None) -> str:
 
 
 async def by_buttons(page: Any, words: str) -> None:
-    """Choose an action from the list with the keyboard alone."""
+    """Choose an action from the list."""
     button = page.locator("#choices").get_by_role("button", name=words, exact=True).first
     await button.focus()
     await page.keyboard.press("Enter")
@@ -112,45 +118,102 @@ async def spot_of(page: Any, words: str) -> tuple[float, float] | None:
     return None
 
 
-async def by_mouse(page: Any, words: str) -> None:
-    """Click at the point whose tip has these words. Press E for work that has no such point."""
-    spot = await spot_of(page, words)
-    if spot is not None:
-        await page.mouse.click(*spot)
-    else:
-        await page.keyboard.press("e")
+class Keyboard:
+    """A person with a keyboard alone."""
+
+    size = DESKTOP
+
+    async def enter(self, page: Any, name: str) -> None:
+        await expect(page.locator("#name")).to_be_focused()
+        await page.keyboard.type(name)
+        await page.keyboard.press("Enter")
+
+    async def answer(self, page: Any, words: str) -> None:
+        """Press the button of a card, which has the focus."""
+        await expect(page.get_by_role("button", name=words)).to_be_focused()
+        await page.keyboard.press("Enter")
+
+    async def act(self, page: Any, words: str) -> None:
+        """Go to the list with Tab and to the action with the arrow keys, and press Enter."""
+        place = None
+        for _ in range(6):
+            place = await page.evaluate(FOCUSED_CHOICE)
+            if place is not None:
+                break
+            await page.keyboard.press("Tab")
+        choices = await page.locator("#choices button").all_inner_texts()
+        way = choices.index(words) - place
+        for _ in range(abs(way)):
+            await page.keyboard.press("ArrowDown" if way > 0 else "ArrowUp")
+        await page.keyboard.press("Enter")
 
 
-async def by_touch(page: Any, words: str) -> None:
-    spot = await spot_of(page, words)
-    if spot is not None:
-        await page.touchscreen.tap(*spot)
-    else:
-        await page.locator("#choices").get_by_role("button", name=words, exact=True).first.tap()
+class Mouse:
+    """A person with a mouse, and a keyboard for the name alone."""
+
+    size = DESKTOP
+
+    def __init__(self) -> None:
+        self._last = 0.0, 0.0
+
+    async def enter(self, page: Any, name: str) -> None:
+        await page.click("#name")
+        await page.keyboard.type(name)
+        await page.click("#enter-button")
+
+    async def answer(self, page: Any, words: str) -> None:
+        await page.get_by_role("button", name=words).click()
+
+    async def act(self, page: Any, words: str) -> None:
+        """Click where the tip has these words; for other work, right-click at the own place."""
+        spot = await spot_of(page, words)
+        self._last = spot or self._last
+        await page.mouse.click(*self._last, button="left" if spot else "right")
 
 
-@pytest.mark.parametrize(
-    ("way", "size"),
-    [(by_buttons, DESKTOP), (by_mouse, DESKTOP), (by_touch, PHONE)],
-    ids=["keyboard", "mouse", "touch"],
-)
-async def test_whole_task_is_played_in_a_browser(
-    browser: Any, tmp_path: Path, way: Any, size: dict[str, int]
-) -> None:
+class Touch:
+    """A person with a phone."""
+
+    size = PHONE
+
+    async def enter(self, page: Any, name: str) -> None:
+        await page.tap("#name")
+        await page.keyboard.type(name)
+        await page.tap("#enter-button")
+
+    async def answer(self, page: Any, words: str) -> None:
+        await page.get_by_role("button", name=words).tap()
+
+    async def act(self, page: Any, words: str) -> None:
+        """Tap on the kitchen, or on the list for work that a tap there does not stand for."""
+        spot = await spot_of(page, words)
+        if spot is not None:
+            await page.touchscreen.tap(*spot)
+        else:
+            await page.locator("#choices").get_by_role("button", name=words, exact=True).tap()
+
+
+@pytest.mark.parametrize("kind", [Keyboard, Mouse, Touch])
+async def test_whole_task_is_played_in_a_browser(browser: Any, tmp_path: Path, kind: Any) -> None:
+    person = kind()
     async with serving(tmp_path) as server:
-        room = server.lobby.create(messages.Create(task=ALONE, clock="lockstep"))
-        touch = way is by_touch
-        url = link(server.port, room.code)
-        async with visiting(browser, url, "Ada", size, has_touch=touch) as page:
-            await get_ready(page)
-            for step, (_, _, words) in enumerate(planned(ALONE)):
+        room = server.lobby.create(messages.Create(task=CUTTING, clock="lockstep"))
+        url, touch = link(server.port, room.code), kind is Touch
+        async with visiting(
+            browser, url, "Ada", person.size, enter=person.enter, has_touch=touch
+        ) as page:
+            await person.answer(page, "I'm ready")
+            for step, (_, _, words) in enumerate(planned(CUTTING)):
                 await at_step(page, step)
-                await way(page, words)
+                await person.act(page, words)
             await expect(page.locator("#cover")).to_contain_text("Goal reached")
             await expect(page.locator(".dish li:not(.done)")).to_have_count(0)
+            await person.answer(page, "Play again")
+            await expect(page.locator("#cover")).to_contain_text("Waiting room")
     recording = read_recording(next(tmp_path.glob("*.rbt")))
     assert recording.outcome is not None
     assert recording.outcome["reason"] == "goal"
+    assert recording.participants == {"robot1": ("Ada", "human")}
 
 
 def opened_room(server: Server, **options: Any) -> Room:

@@ -80,6 +80,7 @@ async def visiting(
     *,
     script: str = "",
     routes: Mapping[str, Callable[[Any], Awaitable[None]]] | None = None,
+    enter: Callable[[Any, str], Awaitable[None]] | None = None,
     offline: bool = False,
     expected: str = "WebSocket connection",
     **options: Any,
@@ -93,6 +94,7 @@ async def visiting(
         size: Size of the window.
         script: Script that runs before those of the page.
         routes: Answers to requests, by patterns of their addresses.
+        enter: Enters the name, instead of the usual way.
         offline: Lose the network before the name is entered.
         expected: Text of errors that do not fail the test, besides lost connections.
         options: Further options of the browser's context.
@@ -108,9 +110,12 @@ async def visiting(
     page.on("console", lambda line: errors.append(line.text) if line.type == "error" else None)
     try:
         await page.goto(url)
-        await page.fill("#name", name)
-        await context.set_offline(offline)
-        await page.click("#enter-button")
+        if enter:
+            await enter(page, name)
+        else:
+            await page.fill("#name", name)
+            await context.set_offline(offline)
+            await page.click("#enter-button")
         yield page
     finally:
         await context.close()

@@ -128,7 +128,7 @@ export default {
   again: "Noch einmal versuchen",
   keys: "Tasten",
   keyWalk: "zur nächsten Station in dieser Richtung gehen",
-  keyUse: "das Nützlichste hier tun",
+  keyUse: "das Nützlichste hier tun, wie ein Rechtsklick",
   keyClick: "Klicken oder tippen",
   keyClickDoes: "hingehen, oder etwas tun, wo du stehst",
   keyActions: "zur Liste der Aktionen",

@@ -128,7 +128,7 @@ export default {
   again: "Try again",
   keys: "Keys",
   keyWalk: "walk to the next station that way",
-  keyUse: "do the most useful thing here",
+  keyUse: "do the most useful thing here, as a right click does",
   keyClick: "Click or tap",
   keyClickDoes: "walk there, or do something where you stand",
   keyActions: "go to the list of actions",
