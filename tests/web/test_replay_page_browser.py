@@ -2,39 +2,27 @@
 
 from __future__ import annotations
 
-import importlib.util
-import shutil
+import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
-import pytest_asyncio
+from typer.testing import CliRunner
 
 from robotouille.replay.annotations import Codebook, read_annotations
 from robotouille.replay.recording import Recording
 from robotouille.web.recording_page import page_data, replay_page
 from robotouille.web.single_file import single_file
 from robotouille.web.site import STATIC
+from robotouille_client.cli.main import app
 from tests.support.games import recorded_game
 from tests.support.random_play import talkative_stream
+from tests.web.visits import BROWSER_TEST, DESKTOP, PATIENCE, PHONE, axe_faults, expect
 
-if importlib.util.find_spec("playwright") is None:
-    pytest.skip("needs playwright: pip install playwright", allow_module_level=True)
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-pytestmark = [
-    pytest.mark.asyncio(loop_scope="module"),
-    pytest.mark.browser,
-    pytest.mark.process,
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt install chromium"),
-]
+pytestmark = BROWSER_TEST
 
-FLAGS = ["--no-sandbox", "--headless", "--disable-gpu", "--disable-quic", "--no-first-run"]
-DESKTOP, PHONE = {"width": 1280, "height": 720}, {"width": 390, "height": 844}
-PATIENCE = 20_000
-"""Milliseconds after which a test that waits for the browser fails."""
 EVIL = '<script>document.title = "evil"</script><img src="x" onerror="document.title = \'evil\'">'
 STEPS = 200
 
@@ -42,24 +30,6 @@ STEPS = 200
 @pytest.fixture(scope="module")
 def game() -> Recording:
     return Recording(recorded_game("multi_agent/09@2", steps=STEPS))
-
-
-@pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def browser() -> AsyncIterator[Any]:
-    """Start one browser for all tests. Each page opens its own context in it."""
-    from playwright import async_api as playwright
-
-    playwright.expect.set_options(timeout=PATIENCE)
-    async with playwright.async_playwright() as driver:
-        started = await driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield started
-        await started.close()
-
-
-def expect(locator: Any) -> Any:
-    from playwright import async_api as playwright
-
-    return playwright.expect(locator)
 
 
 @asynccontextmanager
@@ -149,6 +119,7 @@ async def test_timeline_is_a_slider_for_mouse_and_screen_reader(
     async with opened(browser, replay_page([("game", game)]), tmp_path) as page:
         slider = page.get_by_role("slider")
         await slider.click(position={"x": 400, "y": 20})
+        await expect(slider).not_to_have_attribute("aria-valuenow", "0")
         value = int(await slider.get_attribute("aria-valuenow"))
         assert 0 < value < STEPS
         assert f"Step {value} of {STEPS}" in await slider.get_attribute("aria-valuetext")
@@ -213,6 +184,75 @@ async def test_labels_are_set_by_keys_and_saved(
     assert (found.coder, found.steps, found.labels) == ("when h w", STEPS, ("help", "wait"))
     spans = [(each.label, each.first, each.last) for each in found.annotations]
     assert spans == [("wait", 12, 20), ("help", 20, 20)]
+
+
+async def saved_labels(
+    browser: Any, content: str, folder: Path, coder: str, spans: tuple[tuple[int, int], ...]
+) -> Path:
+    """Let a coder mark spans of steps by keyboard alone, and save them."""
+    folder.mkdir()
+    async with opened(browser, content, folder, accept_downloads=True) as page:
+        step = 0
+        for first, last in spans:
+            for key, target in (("h" if first == last else "Shift+H", first), ("h", last)):
+                for _ in range(target - step):
+                    await page.keyboard.press("ArrowRight")
+                await expect(page.locator("#position")).to_contain_text(f"Step {target} of")
+                if (key, target) != ("h", first):
+                    await page.keyboard.press(key)
+                step = target
+            if first == last:
+                await page.keyboard.press("h")
+        await page.get_by_role("button", name="Save the labels").focus()
+        await page.keyboard.press("Enter")
+        await page.keyboard.type(coder)
+        async with page.expect_download() as saving:
+            await page.keyboard.press("Tab")
+            await page.keyboard.press("Enter")
+        file = folder / "labels.json"
+        await (await saving.value).save_as(file)
+    return file
+
+
+async def test_agreement_of_two_coders_is_as_computed_by_hand(browser: Any, tmp_path: Path) -> None:
+    """Meg marks steps 1 and 8 of 10, and Owen 0 to 2 and 5, as in Krippendorff's example."""
+    game = Recording(recorded_game("synchronous/01", steps=9))
+    assert game.length == 9
+    codebook = Codebook.model_validate({"labels": [{"id": "help", "title": "Help", "key": "h"}]})
+    content = replay_page([("game", game)], codebook=codebook)
+    coders = {"meg": ((1, 1), (8, 8)), "owen": ((0, 2), (5, 5))}
+    files = [
+        str(await saved_labels(browser, content, tmp_path / coder, coder, spans))
+        for coder, spans in coders.items()
+    ]
+    done = CliRunner().invoke(app, ["replay", "agreement", *files, "--json"])
+    (found,) = json.loads(done.output)
+    # Both agree on 6 steps of 10, and by chance on 0.2 * 0.4 + 0.8 * 0.6 = 0.56.
+    assert found["kappa"] == pytest.approx((0.6 - 0.56) / (1 - 0.56))
+    # Values 20, ones 6, zeros 14, steps that differ 4.
+    assert found["alpha"] == pytest.approx(1 - 19 * 8 / (2 * 6 * 14))
+
+
+async def test_page_has_no_accessibility_faults(
+    browser: Any, game: Recording, tmp_path: Path
+) -> None:
+    talk = Recording(talkative_stream(("ada", "p"), "sam", "s", "words"))
+    codebook = Codebook.model_validate({"labels": [{"id": "idle", "title": "Idle", "key": "l"}]})
+    pages = {
+        "two": replay_page([("one", game), ("other", game)]),
+        "talk": replay_page([("talk", talk)], codebook=codebook),
+    }
+    for content in pages.values():
+        async with opened(browser, content, tmp_path, reduced_motion="reduce") as page:
+            for size in (DESKTOP, PHONE):
+                await page.set_viewport_size(size)
+                assert await axe_faults(page) == [], size
+            await page.keyboard.press("End")
+            await page.keyboard.press("l")
+            assert await axe_faults(page) == []
+            await page.get_by_role("button", name="Help").click()
+            await expect(page.get_by_role("dialog")).to_be_visible()
+            assert await axe_faults(page) == []
 
 
 async def test_phone_shows_everything_without_scrolling_sideways(

@@ -43,6 +43,13 @@ Object.defineProperty(WebSocket.prototype, "onmessage", {
 });
 """
 
+OTHER_VERSION = """
+const { send } = WebSocket.prototype;
+WebSocket.prototype.send = function (text) {
+  send.call(this, text.replace('"protocol":1', '"protocol":9'));
+};
+"""
+
 
 def opened(server: Server, task: str = ALONE, **rules: Any) -> str:
     options = {"clock": "realtime", "step_rate": 10, "max_steps": 5000, **rules}
@@ -67,6 +74,17 @@ async def test_unusual_browser_plays(browser: Any, tmp_path: Path, script: str) 
             await page.locator("#said").fill("hello")
             await page.keyboard.press("Enter")
             await expect(page.locator("#lines")).to_contain_text("Ada: hello")
+
+
+async def test_page_of_another_version_asks_to_be_loaded_again(
+    browser: Any, tmp_path: Path
+) -> None:
+    """A page may be open while its server is updated."""
+    async with serving(tmp_path) as server:
+        async with visiting(browser, opened(server), "Ada", script=OTHER_VERSION) as page:
+            await expect(page.locator("#cover")).to_contain_text("different version")
+            async with page.expect_navigation():
+                await page.get_by_role("button", name="Try again").click()
 
 
 async def test_lost_connection_while_a_kitchen_loads(browser: Any, tmp_path: Path) -> None:
