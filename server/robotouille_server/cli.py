@@ -19,7 +19,7 @@ from pydantic_core import ErrorDetails, PydanticUndefined
 from pydantic_settings import BaseSettings
 
 from robotouille.errors import MissingExtraError, ProtocolError, RobotouilleError, did_you_mean
-from robotouille.terminal import tell, version_option
+from robotouille.terminal import printable, tell, version_option
 from robotouille_server.runtime.process_limits import rare_collections
 from robotouille_server.runtime.settings import ServerSettings
 
@@ -85,14 +85,18 @@ def _settings(model: type[BaseSettings], values: dict[str, Any]) -> BaseSettings
     except ValidationError as error:
         for fault in error.errors():
             name = ".".join(str(part) for part in fault["loc"])
-            tell(f"{PROGRAM}: {_complaint(model, name, fault, values)}", err=True)
+            _complain(_complaint(model, name, fault, values))
     except RecursionError:
-        tell(f"{PROGRAM}: {_config(values)}: values are nested too deeply", err=True)
+        _complain(f"{_config(values)}: values are nested too deeply")
     except tomllib.TOMLDecodeError as error:
-        tell(f"{PROGRAM}: {_config(values)}: {error}", err=True)
+        _complain(f"{_config(values)}: {error}")
     except (OSError, ValueError) as error:
-        tell(f"{PROGRAM}: --config: {error}", err=True)
+        _complain(f"--config: {error}")
     raise typer.Exit(2)
+
+
+def _complain(message: str) -> None:
+    tell(printable(f"{PROGRAM}: {message}"), err=True)
 
 
 def _complaint(

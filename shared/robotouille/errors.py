@@ -159,9 +159,10 @@ class FileError(RobotouilleError):
     def __init__(self, file: str, faults: Iterable[Fault]) -> None:
         self.file = file
         self.faults = tuple(faults)
-        lines = [f"{file}: {fault}" for fault in self.faults[:MAX_SHOWN]]
+        shown = file.replace("\n", "\N{REPLACEMENT CHARACTER}")  # Each fault is one line.
+        lines = [f"{shown}: {fault}" for fault in self.faults[:MAX_SHOWN]]
         if len(self.faults) > MAX_SHOWN:
-            lines.append(f"{file}: and {len(self.faults) - MAX_SHOWN:,} more faults")
+            lines.append(f"{shown}: and {len(self.faults) - MAX_SHOWN:,} more faults")
         super().__init__("\n".join(lines))
 
     def __reduce__(self) -> tuple[type[FileError], tuple[str, tuple[Fault, ...]]]:

@@ -13,7 +13,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from robotouille.errors import Fault, FileError, RobotouilleError
-from robotouille.terminal import tell
+from robotouille.terminal import printable, tell
 from robotouille_client.console import JsonOption, VersionOption, explain, fail
 
 
@@ -66,6 +66,14 @@ class LazyGroup(TyperGroup):
 
 
 class _Commands(LazyGroup):
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError:
+            raise  # The reader of the output has gone, which ends the command silently.
+        except OSError as error:  # A path that is too long, for example.
+            fail(explain(error))
+
     lazy: ClassVar = {
         "play": LazyCommand(
             "robotouille_client.cli.play:play",
@@ -173,12 +181,12 @@ def lint(
             # Notes on a domain would come again for each of its problems.
             shown = [f for f in faults if f.severity != "note" or f not in reported]
             for fault in shown:
-                tell(f"{name}: {fault.severity}: {fault}")
+                tell(printable(f"{name}: {fault.severity}: {fault}"))
             reported.update(faults)
             if not faults:
-                tell(f"{name}: no faults")
+                tell(f"{printable(name)}: no faults")
             elif not shown:
-                tell(f"{name}: no other faults")
+                tell(f"{printable(name)}: no other faults")
     if errors:
         raise typer.Exit(1)
 

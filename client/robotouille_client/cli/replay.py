@@ -488,7 +488,8 @@ def page(
     texts in their files are shown as they are.
     """
     if output.suffix.lower() not in (".html", ".htm"):
-        fail(f"{output}: the last argument is the page to write; its name must end with .html")
+        shown = printable(str(output))
+        fail(f"{shown}: the last argument is the page to write; its name must end with .html")
     from robotouille.web.recording_page import labels, replay_page
 
     try:

@@ -158,6 +158,8 @@ def failing(command: Callable[P, None]) -> Callable[P, None]:
     def guarded(*arguments: P.args, **options: P.kwargs) -> None:
         try:
             command(*arguments, **options)
+        except BrokenPipeError:
+            raise  # The reader of the output has gone, which ends the command silently.
         except _expected_errors() as error:
             # The lines of the user's own code that raised, if any: see `OwnPolicyError`.
             if frames := getattr(error, "frames", ""):
@@ -170,7 +172,7 @@ def failing(command: Callable[P, None]) -> Callable[P, None]:
 def _expected_errors() -> tuple[type[Exception], ...]:
     from pydantic import ValidationError  # Imported late: pydantic is slow to load.
 
-    return RobotouilleError, ValidationError
+    return RobotouilleError, ValidationError, OSError
 
 
 def interruptible(command: Callable[P, None]) -> Callable[P, None]:

@@ -175,7 +175,8 @@ def _add_rotate(app: typer.Typer) -> None:
         if as_json:
             print(json.dumps({"file": str(keys), "keys": kept, "dropped": dropped}))
             return
-        tell(f"{keys}: new tokens are signed with {new.kid}; {_listed(kept[1:])} still valid")
+        file = printable(str(keys))
+        tell(f"{file}: new tokens are signed with {new.kid}; {_listed(kept[1:])} still valid")
         if dropped:
             tell(f"tokens signed with {_listed(dropped)} are invalid now")
 
@@ -201,7 +202,7 @@ def _add_revoke(app: typer.Typer, wall: Callable[[], float]) -> None:
         if as_json:
             print(json.dumps({"file": str(path), "token_id": token_id}))
         else:
-            tell(f"{path}: the token {token_id} is revoked")
+            tell(printable(f"{path}: the token {token_id} is revoked"))
 
 
 def _check_once(role: Role, once: bool) -> None:
@@ -306,10 +307,10 @@ def _reported() -> Iterator[None]:
     try:
         yield
     except ProtocolError as error:
-        tell(f"robotouille-token: {error.code}: {error.message}", err=True)
+        tell(printable(f"robotouille-token: {error.code}: {error.message}"), err=True)
         raise typer.Exit(1) from None
-    except RobotouilleError as error:
-        tell(f"robotouille-token: {error}", err=True)
+    except (RobotouilleError, OSError) as error:
+        tell(printable(f"robotouille-token: {error}"), err=True)
         raise typer.Exit(1) from None
 
 

@@ -22,6 +22,7 @@ from robotouille.domain.rendering import rendering_of
 from robotouille.domain.task import Task, Timing
 from robotouille.errors import FileError, RobotouilleError
 from robotouille.installation import data_folder
+from robotouille.terminal import printable
 from robotouille.world.lint import sound_task
 
 MAX_FILES = 2_000
@@ -111,8 +112,9 @@ def read_task_folder(folder: Path) -> TaskFolder:
         TaskFolderError: The folder does not exist, has too many files or links that lead out of
             it, or contains invalid files. The error lists all faults.
     """
-    if not folder.is_dir():
-        raise TaskFolderError(f"--tasks {folder}: the folder does not exist")
+    # `Path.is_dir` raises if the path is too long.
+    if not os.path.isdir(folder):  # noqa: PTH112
+        raise TaskFolderError(printable(f"--tasks {folder}: the folder does not exist"))
     faults = list(_links_outside(folder))
     if faults:
         raise _refused(folder, faults)
@@ -135,7 +137,9 @@ def read_task_folder(folder: Path) -> TaskFolder:
 
 def _refused(folder: Path, faults: list[str]) -> TaskFolderError:
     more = [f"… and {len(faults) - MAX_FAULTS} more"] if len(faults) > MAX_FAULTS else []
-    return TaskFolderError("\n  ".join([f"--tasks {folder}:", *faults[:MAX_FAULTS], *more]))
+    # Files of other people may have any name.
+    lines = [f"--tasks {folder}:", *faults[:MAX_FAULTS], *more]
+    return TaskFolderError("\n  ".join(map(printable, lines)))
 
 
 def _links_outside(folder: Path) -> Iterator[str]:
@@ -148,7 +152,7 @@ def _links_outside(folder: Path) -> Iterator[str]:
         for name in (*folders, *files):
             count += 1
             if count > MAX_FILES:
-                raise TaskFolderError(f"--tasks {folder}: more than {MAX_FILES:,} files")
+                raise TaskFolderError(printable(f"--tasks {folder}: more than {MAX_FILES:,} files"))
             path = Path(place, name)
             if path.is_symlink() and not path.resolve().is_relative_to(whole):
                 yield f"{path.relative_to(folder)}: a link that leads out of the folder"
