@@ -1,0 +1,58 @@
+"""What players see of the waiting room, the kitchen and the orders without scrolling."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from robotouille.episode import Clock
+from robotouille.protocol import messages
+from tests.support.servers import serving
+from tests.web.visits import BROWSER_TEST, expect, get_ready, link, visiting
+
+pytestmark = BROWSER_TEST
+
+SIZE = "(({ clientWidth, clientHeight }) => [clientWidth, clientHeight])(kitchen)"
+HIDDEN = """() => {
+  const { bottom } = document.getElementById("ticket").getBoundingClientRect();
+  const orders = [...document.querySelectorAll(".order")];
+  return orders.filter((each) => each.getBoundingClientRect().bottom > bottom + 1).length;
+}"""
+"""Returns the number of orders that are cut off."""
+
+
+async def test_waiting_room_shows_the_time_waited_and_when_it_closes(
+    browser: Any, tmp_path: Path
+) -> None:
+    async with serving(tmp_path, grace=1200) as server:
+        room = server.lobby.create(messages.Create(task="multi_agent/01@2", clock=Clock.REALTIME))
+        async with visiting(browser, link(server.port, room.code), "Ada") as page:
+            cover = page.locator("#cover")
+            await expect(cover).to_contain_text(re.compile(r"1 more player · 0:0[1-9] so far"))
+            await expect(cover).to_contain_text("20 minutes after the last one has left")
+            await expect(cover).to_contain_text("your seat is kept for 1200 s")
+
+
+async def test_kitchen_keeps_its_size_and_newcomers_learn_how_to_walk(
+    browser: Any, tmp_path: Path
+) -> None:
+    async with serving(tmp_path) as server:
+        room = server.lobby.create(messages.Create(task="training/01", clock=Clock.LOCKSTEP))
+        async with visiting(browser, link(server.port, room.code), "Ada") as page:
+            await expect(page.locator("#cover")).to_contain_text("Waiting room")
+            before = await page.evaluate(SIZE)
+            await get_ready(page)
+            await expect(page.locator("#choices li").first).to_be_visible()
+            await expect(page.locator("#hint")).to_contain_text("walk to the next station")
+            assert await page.evaluate(SIZE) == before
+
+
+async def test_three_orders_are_visible_at_720_pixels(browser: Any, tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        create = messages.Create(task="shifts/01@1", clock=Clock.REALTIME, step_rate=40)
+        room = server.lobby.create(create)
+        async with visiting(browser, link(server.port, room.code), "Ada") as page:
+            await get_ready(page)
+            await expect(page.locator(".order")).to_have_count(3)
+            assert await page.evaluate(HIDDEN) == 0
