@@ -42,13 +42,13 @@ MARGIN = 8
 """Pixels around the kitchen in both programs."""
 PAGE = """<!doctype html><style>html, body { margin: 0; background: #26222b } </style>
 <canvas id="kitchen"></canvas><script type="module">
-import { readTask } from "./rules/task.js";
+import { Task } from "./rules/task.js";
 import { State } from "./rules/state.js";
 import { Look } from "./kitchen/look.js";
 import { Kitchen } from "./kitchen/painter.js";
 const canvas = document.getElementById("kitchen");
 window.begin = async ({ task, snapshot, deltas, look, me }, width, height, ratio) => {
-  const own = readTask(task);
+  const own = new Task(task);
   const states = [State.fromSnapshot(own, snapshot)];
   for (const delta of deltas) states.push(states[states.length - 1].after(delta));
   canvas.style.width = `${width}px`;

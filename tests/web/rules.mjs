@@ -4,7 +4,7 @@ import { createInterface } from "node:readline";
 
 const RULES = new URL("../../shared/robotouille/web/static/rules/", import.meta.url);
 const load = (name) => import(new URL(`${name}.js`, RULES).href);
-const [{ readTask }, { State }, actions, work, { Controls, handled }, { Goal }, queues] = await Promise.all(
+const [{ Task }, { State }, actions, work, { Controls, handled }, { Goal }, queues] = await Promise.all(
   ["task", "state", "actions", "work", "controls", "goal", "queue"].map(load),
 );
 
@@ -155,7 +155,7 @@ for await (const line of createInterface({ input: process.stdin })) {
   }
   const begun = performance.now();
   if (task) {
-    const made = readTask(task);
+    const made = new Task(task);
     game = { task: made, controls: new Controls(made, bindings, language), goal: new Goal(made) };
     state = State.fromSnapshot(made, snapshot);
   } else {

@@ -26,8 +26,12 @@ from robotouille_client.window.drawing.kitchen.animation import (
 )
 from robotouille_client.window.drawing.kitchen.gestures import Gestures
 from robotouille_client.window.drawing.kitchen.spots import Motion
-from robotouille_client.window.pictures.appearance import AppearanceResolver, SceneSprites
-from robotouille_client.window.pictures.dishes import Dish, Variable, dishes
+from robotouille_client.window.pictures.appearance import (
+    AppearanceResolver,
+    SceneSprites,
+    SpritePiece,
+)
+from robotouille_client.window.pictures.dishes import Dish, dishes
 from robotouille_client.window.view import View
 from tests.support.node import node
 from tests.web.vectors import published_tasks, shipped_tasks
@@ -67,7 +71,7 @@ def _game(task: Task, states: int, rng: random.Random) -> Iterator[dict[str, Any
         "look": look_files(window.rendering, bindings_of(task)),
         "snapshot": {"step": 0, **writer.tables(state), **writer.values(state)},
         "step": 0,
-        "expect": {**window.dishes(rng), **window.picture(state, None, 0, rng)},
+        "expect": {**window.dishes(), **window.picture(state, None, 0, rng)},
     }
     for step in range(1, states):
         before, state = state, _step(state, rng)
@@ -97,15 +101,12 @@ class _Window:
         self._motion = Motion(world.floor)
         self._gestures = Gestures()
 
-    def dishes(self, rng: random.Random) -> dict[str, Any]:
+    def dishes(self) -> dict[str, Any]:
         """Return the pictures of the goal and of the orders of a shift."""
         world, resolver = self.world, self._resolver
-        levels: dict[Variable, int] = {id_: rng.randrange(3) for id_ in world.goal.variables}
         shift = world.task.problem.shift
         return {
             "dishes": _dishes(dishes(world, resolver)),
-            "levels": list(levels.items()),
-            "stacked": _dishes(dishes(world, resolver, levels)),
             "orders": {name: self._order(name) for name in (shift.menu if shift else ())},
         }
 
@@ -136,7 +137,7 @@ class _Window:
             },
             "stage": {
                 "stations": {name: asdict(each) for name, each in stage.stations.items()},
-                "piles": {host: list(map(asdict, pile)) for host, pile in stage.piles.items()},
+                "piles": {host: list(map(_piece, pile)) for host, pile in stage.piles.items()},
                 "bases": stage.bases,
             },
             "words": {
@@ -172,8 +173,13 @@ class _Window:
         }
 
 
-def _dishes(found: tuple[Dish, ...] | None) -> list[dict[str, Any]] | None:
-    return None if found is None else [asdict(dish) for dish in found]
+def _dishes(found: tuple[Dish, ...] | None) -> list[Any] | None:
+    return None if found is None else [asdict(dish)["layers"] for dish in found]
+
+
+def _piece(piece: SpritePiece) -> dict[str, Any]:
+    """Return what the page draws of an object in a pile: its picture shows what is in it."""
+    return {name: value for name, value in asdict(piece).items() if name != "inside"}
 
 
 def _animation(moving: StepAnimation) -> dict[str, Any]:

@@ -24,23 +24,20 @@ import { insides } from "./look.js";
  * @property {number[]} base
  */
 
-/** @typedef {{layers: Layer[], root: Variable}} Dish Layers from the top down. */
+/** @typedef {{layers: Layer[]}} Dish Layers from the top down. */
 
 const BOTTOM = 0;
 const MIDDLE = 1;
 const TOP = 2;
-/** Level of an object that is not in its place yet: above all others. */
-const UNPLACED = 1_000_000;
 
 /**
  * Return the goal's dishes in order, or null if the goal cannot be drawn.
  * @param {Task} task @param {Look} look
- * @param {Map<Variable, number>} levels Levels of the objects already in place.
  * @param {Term[]} terms @returns {Dish[] | null}
  */
-export function dishes(task, look, levels = new Map(), terms = task.problem.goal ?? []) {
+export function dishes(task, look, terms = task.goal) {
   look.task = task;
-  const goal = new Goal(task, look, levels, terms);
+  const goal = new Goal(task, look, terms);
   return goal.drawable() ? goal.dishes() : null;
 }
 
@@ -56,26 +53,17 @@ export function orderLayers(task, look, name) {
   const menu = new Map(Object.entries(task.problem.shift?.menu ?? {}));
   const terms = menu.get(name)?.goal;
   /** @type {Dish[]} */
-  const found = (terms && dishes(task, look, new Map(), terms)) || [];
+  const found = (terms && dishes(task, look, terms)) || [];
   const layers = found.flatMap((dish) => dish.layers).reverse();
   return layers.filter(({ appearance }) => appearance.role !== "station");
 }
 
 class Goal {
-  /**
-   * @param {Task} task @param {Look} look @param {Map<Variable, number>} levels
-   * @param {Term[]} terms
-   */
-  constructor(task, look, levels, terms) {
+  /** @param {Task} task @param {Look} look @param {Term[]} terms */
+  constructor(task, look, terms) {
     this.task = task;
     this.look = look;
-    this.levels = levels;
     this.terms = terms;
-    /** @type {Map<string, string>} */
-    this.when = new Map();
-    for (const rule of task.domain.layout ?? []) {
-      if (rule.when) this.when.set(rule.predicate, rule.when);
-    }
     /** @type {Map<string, any>} */
     this.predicates = new Map();
     for (const each of task.domain.predicate_defs) this.predicates.set(each.name, each);
@@ -112,10 +100,8 @@ class Goal {
     this.related = new Map(all.map((id) => [nameOf(id), this.factsOf(id)]));
     /** @type {Set<Variable>} */
     const seen = new Set();
-    const make = (/** @type {Variable} */ root) => ({
-      layers: [...this.layers(root, seen)].reverse(),
-      root,
-    });
+    const make = (/** @type {Variable} */ root) =>
+      ({ layers: [...this.layers(root, seen)].reverse() });
     const found = all.filter((id) => !this.carriers.has(id)).map(make);
     const rest = all.filter((id) => !seen.has(id)).map(make);
     return [...found, ...rest].filter((dish) => dish.layers.length > 0);
@@ -128,7 +114,7 @@ class Goal {
     for (const { predicate, ids } of this.terms) {
       if (ids.length !== 2) continue;
       let [first, second] = ids;
-      const stacked = this.when.get(predicate) === "next_in_stack";
+      const stacked = this.task.when.get(predicate) === "next_in_stack";
       if (!stacked && this.isStation(first)) [first, second] = [second, first];
       // A stack relation says more about a place than a container does, and a station the least.
       const rank = stacked ? 2 : this.isStation(second) ? 0 : 1;
@@ -188,22 +174,14 @@ class Goal {
   below(thing, depth = 0) {
     const carrier = this.carriers.get(thing);
     if (carrier === undefined || depth > this.kinds.size) return [];
-    const under = this.carried(carrier).filter((id) => this.isBelow(id, thing));
+    const under = this.carried(carrier).filter((id) => this.order(id) < this.order(thing));
     const isStacked = this.about(thing).some((number) => {
       const { predicate, ids } = this.terms[number];
       const same = ids[0] === thing && ids[1] === carrier;
-      return same && this.when.get(predicate) === "next_in_stack";
+      return same && this.task.when.get(predicate) === "next_in_stack";
     });
     if (isStacked) under.push(carrier);
     return under.flatMap((id) => [...this.about(id), ...this.below(id, depth + 1)]);
-  }
-
-  /** @param {Variable} one @param {Variable} other */
-  isBelow(one, other) {
-    const [order, above] = [this.order(one), this.order(other)];
-    const level = this.levels.get(other) ?? UNPLACED;
-    const lower = (this.levels.get(one) ?? UNPLACED) < level && level < UNPLACED;
-    return order < above || (order === above && lower);
   }
 
   /**
@@ -240,13 +218,12 @@ class Goal {
   /** Return what lies directly on or in an object, the lowest first. @param {Variable} carrier */
   carried(carrier) {
     const found = [...this.carriers].filter(([, host]) => host === carrier).map(([id]) => id);
-    const level = (/** @type {Variable} */ id) => this.levels.get(id) ?? UNPLACED;
-    return found.sort((a, b) => this.order(a) - this.order(b) || level(a) - level(b));
+    return found.sort((a, b) => this.order(a) - this.order(b));
   }
 
   /** @param {Variable} thing */
   order(thing) {
-    const rules = this.about(thing).map((number) => this.when.get(this.terms[number].predicate));
+    const rules = this.about(thing).map((number) => this.task.when.get(this.terms[number].predicate));
     if (rules.includes("bottom_of_stack")) return BOTTOM;
     return rules.includes("top_of_stack") ? TOP : MIDDLE;
   }

@@ -26,14 +26,13 @@ import { append, scene } from "../rules/scene.js";
  */
 
 /**
- * One object of a pile. `inside` are the objects in it; `contents` were added to it or to those.
+ * One object of a pile. `contents` were added to it or to the objects in it.
  * @typedef {object} SpritePiece
  * @property {string} name
  * @property {Appearance} appearance
  * @property {number} scale
  * @property {number} rise Height above the pile's base, in tiles.
  * @property {Appearance[]} contents
- * @property {Appearance[]} inside
  */
 
 /**
@@ -402,7 +401,6 @@ export class Look {
         contents: contentsOf(name, placed, inside).map((one) =>
           this.appearance(one, inside, related),
         ),
-        inside: (inside.get(name) ?? []).map((one) => this.appearance(one, inside, related)),
       };
       rise += this.constant(each.thing, "STACK_OFFSET", HEIGHT);
       return piece;
@@ -460,6 +458,19 @@ export class Look {
     }
     return found;
   }
+}
+
+/**
+ * Return the nearest wanted object that carries an object, however deeply it is nested; or null.
+ * @param {SceneSprites} stage @param {string} name @param {(host: string) => boolean} wanted
+ */
+export function hostOf({ placed }, name, wanted) {
+  let host = placed.get(name)?.host ?? null;
+  for (let i = 0; i < placed.size && host !== null; i += 1) {
+    if (wanted(host)) return host;
+    host = placed.get(host)?.host ?? null;
+  }
+  return null;
 }
 
 /** @param {Task} task @param {string} type */

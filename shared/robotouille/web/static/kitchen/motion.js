@@ -4,6 +4,7 @@
  */
 
 import { sameTile, scene } from "../rules/scene.js";
+import { hostOf } from "./look.js";
 
 /** @typedef {import("../rules/state.js").State} State */
 /** @typedef {import("./look.js").Look} Look */
@@ -266,7 +267,8 @@ export function stepAnimation(look, state, before, outcome) {
   const old = new Set(before?.progress().map((row) => row.subject));
   const subjects = advanced.map(([, subject]) => subject);
   if (before) subjects.push(...[...running].filter((name) => !old.has(name)));
-  const places = new Set(subjects.map((subject) => stationOf(stage, subject)));
+  const places = new Set(subjects.map((subject) =>
+    hostOf(stage, subject, (host) => stage.stations.has(host))));
   places.delete(null);
   /** @type {[string, string][]} */
   const goingOn = [
@@ -331,17 +333,4 @@ function* travels(stage, earlier) {
       if (!there.has(name) && earlier.placed.get(name)?.host) yield name;
     }
   }
-}
-
-/**
- * Return the station an object is on, however deeply it is nested.
- * @param {SceneSprites} stage @param {string} name
- */
-function stationOf(stage, name) {
-  let host = stage.placed.get(name)?.host ?? null;
-  for (let i = 0; i < stage.placed.size && host !== null; i += 1) {
-    if (stage.stations.has(host)) return host;
-    host = stage.placed.get(host)?.host ?? null;
-  }
-  return null;
 }

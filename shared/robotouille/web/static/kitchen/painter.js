@@ -3,6 +3,7 @@
 import { workInProgress } from "../rules/work.js";
 import { HEAD, Layout, RAISED, between, freePlace, occupied, sizesOf } from "./layout.js";
 import { spots, up, wayOf } from "./layout.js";
+import { hostOf } from "./look.js";
 import { BEATS, CHEER_SECONDS, Motion, gestures, stepAnimation } from "./motion.js";
 import { INK, PAPER, SEATS, Sprites, badgeURL } from "./pictures.js";
 
@@ -703,7 +704,7 @@ export class Kitchen {
   pointedAt(stage) {
     const side = this.layout.tile;
     for (const { player, target } of this.pointing) {
-      const holder = this.holderOf(stage, target) ?? target;
+      const holder = hostOf(stage, target, (host) => this.poses.has(host)) ?? target;
       const at = this.poses.get(holder)?.at ?? stage.placed.get(target)?.tile;
       const seat = this.task.players.indexOf(player);
       if (!at || seat < 0) continue;
@@ -712,19 +713,6 @@ export class Kitchen {
       this.outline(this.layout.part(at, [0, 0, 1, 1]), width, side / 5, colour);
       this.outline(this.layout.part(at, [0.1, 0.1, 0.8, 0.8]), width / 2, side / 5, colour);
     }
-  }
-
-  /**
-   * Return the player that holds an object, or holds its container.
-   * @param {SceneSprites} stage @param {string} name
-   */
-  holderOf(stage, name) {
-    let host = stage.placed.get(name)?.host ?? null;
-    for (let i = 0; i < stage.placed.size && host !== null; i += 1) {
-      if (this.poses.has(host)) return host;
-      host = stage.placed.get(host)?.host ?? null;
-    }
-    return null;
   }
 
   /**
@@ -740,7 +728,7 @@ export class Kitchen {
     /** @type {Map<string, number>} */
     const taken = new Map();
     return work.flatMap((row) => {
-      const holder = this.holderOf(stage, row.subject);
+      const holder = hostOf(stage, row.subject, (host) => this.poses.has(host));
       const at = holder ? this.poses.get(holder)?.at : stage.placed.get(row.subject)?.tile;
       if (!at) return [];
       // Badges at one place stand side by side.

@@ -1,12 +1,11 @@
 // A copy of one episode, kept up to date by the server's messages.
 
 import { now } from "./dom.js";
-import { readTask } from "../rules/task.js";
+import { Task } from "../rules/task.js";
 import { State } from "../rules/state.js";
 
 /**
  * @typedef {import("./connection.js").Message} Message
- * @typedef {import("../rules/task.js").Task} Task
  * @typedef {import("../rules/actions.js").Action} Action
  * @typedef {{player: string, name: string, kind: string, present: boolean, controller: string,
  *   ready: boolean}} Seat
@@ -174,7 +173,7 @@ export class Game {
     if (this.state && message.step < this.step) return;
     const first = this.task === null || (message.task && message.digest !== this.digest);
     if (message.task && first) {
-      this.task = readTask(message.task);
+      this.task = new Task(message.task);
       this.digest = message.digest;
     }
     if (!this.task) return;

@@ -3,7 +3,7 @@
 import { Kitchen } from "../kitchen/painter.js";
 import { loadLook } from "../play/look.js";
 import { State } from "../rules/state.js";
-import { readTask } from "../rules/task.js";
+import { Task } from "../rules/task.js";
 
 /** @typedef {(what: string) => Promise<any>} Get Returns a part of the episode by its path. */
 
@@ -51,7 +51,7 @@ export class LiveKitchen {
   }
 
   async furnish() {
-    const task = readTask(this.tables.task);
+    const task = new Task(this.tables.task);
     const look = await loadLook(task, async ({ type, digest }) =>
       type === "get_rendering" ? { type, ...this.tables.look }
         : { type: "picture", ...await this.get(`pictures/${digest}`) });

@@ -4,7 +4,7 @@ import { Look } from "../kitchen/look.js";
 import { outcomeWords } from "../play/covers.js";
 import { byId, element, setText } from "../play/dom.js";
 import { clock, text } from "../play/texts.js";
-import { readTask } from "../rules/task.js";
+import { Task } from "../rules/task.js";
 import { taskTitle } from "../rules/words.js";
 import { Coding } from "./coding.js";
 import { fillHelp } from "./help.js";
@@ -45,7 +45,7 @@ function icon(name) {
 class Page {
   /** @param {any} data */
   constructor(data) {
-    const task = readTask(data.task);
+    const task = new Task(data.task);
     const { rendering, bindings, pictures } = data.look;
     this.look = new Look({ rendering, bindings, pictures: new Map(Object.entries(pictures)) });
     this.data = data;

@@ -19,7 +19,7 @@
  *   minus the number of objects involved; the number of unmet conditions.
  * @typedef {{action: Action | null, words: string, advice: boolean}} NearMiss
  */
-import { actionOf, unmet as unmetOf } from "./actions.js";
+import { actionOf, bindingOf, unmet as unmetOf } from "./actions.js";
 import { scene } from "./scene.js";
 import { atomName, byText } from "./task.js";
 import { capitalised } from "./words.js";
@@ -158,7 +158,7 @@ export class NearMisses {
     const unfit = action.args.every((name) => name === me || name === meant[0]);
     if (never.length && here && unfit) return null;
     const aside = here && held.size > 0 && !action.args.some((name) => held.has(name));
-    const known = new Map(action.schema.parameters.map(([name], i) => [name, action.args[i]]));
+    const known = bindingOf(action);
     const far = unmet.length > 1 && !this._leadsOn(action.schema, known, state);
     const free = new Set(unmet.map((each) => this._words.occupancy.neededFree(each)));
     const taken = action.destination !== null && free.size === 1 && free.has(meant[0]);

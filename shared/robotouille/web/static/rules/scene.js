@@ -51,11 +51,6 @@ export function append(lists, key, value) {
 function placed(state) {
   const { task } = state;
   /** @type {Map<string, string>} */
-  const when = new Map();
-  for (const rule of task.domain.layout ?? []) {
-    if (rule.when) when.set(rule.predicate, rule.when);
-  }
-  /** @type {Map<string, string>} */
   const at = new Map();
   /** @type {Map<string, string>} */
   const hosts = new Map();
@@ -67,7 +62,7 @@ function placed(state) {
   const related = new Map();
   for (const atom of state.atoms()) {
     const [predicate, first, second] = atom;
-    const rule = when.get(predicate);
+    const rule = task.when.get(predicate);
     if (rule === "faces") at.set(first, second);
     else if (rule === "next_in_stack") below.set(first, second);
     else if (rule === "shares_tile") {

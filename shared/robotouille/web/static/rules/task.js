@@ -20,7 +20,7 @@
  * }} Thing Object such as `lettuce1` of kind `lettuce`. `facing` is the tile before a player.
  * @typedef {{definition: EffectDef, variables: string[]}} EffectSchema
  * @typedef {{
- *   index: number, name: string, definition: ActionDef, parameters: [string, string][],
+ *   name: string, definition: ActionDef, parameters: [string, string][],
  *   player: boolean, effects: EffectSchema[], started: number,
  * }} Schema Action over typed parameters, the acting player first. The action itself starts the
  *   first `started` effects; the others start when one of these creates or deletes an object.
@@ -76,7 +76,6 @@ export class Task {
   /** @param {any} raw The `task` of a snapshot. */
   constructor(raw) {
     const { domain, problem } = raw;
-    this.raw = raw;
     /** @type {string} */
     this.name = raw.name;
     this.domain = domain;
@@ -90,6 +89,9 @@ export class Task {
     this.playerTypes = new Set(domain.player_types ?? ["player"]);
     /** @type {LayoutRule[]} */
     this.layout = domain.layout ?? [];
+    /** What a fact says about places, by predicate. */
+    this.when = new Map(this.layout.flatMap(({ predicate, when }) =>
+      when ? [/** @type {const} */ ([predicate, when])] : []));
     /** @type {Term[]} */
     this.goal = problem.goal ?? [];
     /** @type {Map<string, string[]>} Types of the arguments by predicate. */
@@ -108,9 +110,7 @@ export class Task {
     const all = [...this.things.values()];
     this.players = all.filter((each) => this.playerTypes.has(each.type)).map(({ name }) => name);
     /** @type {Schema[]} */
-    this.schemas = domain.action_defs.map((/** @type {any} */ each, /** @type {number} */ index) =>
-      schemaOf(each, index, this),
-    );
+    this.schemas = domain.action_defs.map((/** @type {any} */ each) => schemaOf(each, this));
     /** @type {Map<string, Schema>} */
     this.schemaOf = new Map(this.schemas.map((each) => [each.name, each]));
     /** Types of objects that play can create or delete. */
@@ -145,9 +145,6 @@ export class Task {
       : atomName(atom);
   }
 }
-
-/** Read the `task` of a snapshot. @param {any} raw */
-export const readTask = (raw) => new Task(raw);
 
 /**
  * Return all objects of a task, by type in the domain's order, then in the order of names.
@@ -258,8 +255,8 @@ const same = (a, b) => a[0] === b[0] && a[1] === b[1];
 
 // Action schemas
 
-/** @param {any} raw @param {number} index @param {Task} task @returns {Schema} */
-function schemaOf(raw, index, task) {
+/** @param {any} raw @param {Task} task @returns {Schema} */
+function schemaOf(raw, task) {
   /** @type {ActionDef} */
   const definition = {
     name: raw.name,
@@ -276,7 +273,6 @@ function schemaOf(raw, index, task) {
   // Effects nested in an instant effect start separately, so they need numbers of their own.
   const born = [...nested(definition.sfx)].filter(isInstant).flatMap((effect) => effect.sfx);
   return {
-    index,
     name: raw.name,
     definition,
     parameters: [...order].map((name) => [name, /** @type {string} */ (types.get(name))]),
