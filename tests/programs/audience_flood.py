@@ -116,7 +116,7 @@ class AudienceFlood:
     Args:
         port: The port of the server.
         rooms: The task and the view of each room.
-        players: What the players do: `act`, `say`, or `mixed` for everything.
+        players: The messages of the players: `act`, `say`, or `mixed` for everything.
         resyncs: True if the spectators ask for snapshots.
         rematches: True for one more room full of spectators, whose player asks for rematches.
     """

@@ -210,7 +210,6 @@ FLOODS = {
         "games that players end at once, and their rematches, from 8 connections",
         rematches=True,
         connections=8,
-        max_growth=16 * 1024 * 1024,
     ),
     "metrics": Flood("reads of the metrics, from 60 connections", page="/metrics", connections=60),
     "operator": Flood(

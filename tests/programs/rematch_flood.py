@@ -20,8 +20,7 @@ ELSEWHERE = "X-Forwarded-For: 203.0.113.9\r\n"
 """Header of a proxy, so that the server treats the connection as a player's, not a host's."""
 CHUNK = 1024 * 1024
 RETRY_SECONDS = 0.11
-"""Time after which a refused request is repeated. More requests would exceed the limit of messages,
-because each counts as about twenty."""
+"""Time after which a refused request is repeated: less often than the limit of messages allows."""
 GAME = {
     "type": "create",
     "task": "synchronous/01",
