@@ -4,7 +4,7 @@
     python -m tests.programs.simulation.cluster --seed 1234 --trace
 
 A seed determines everything. Three machines run `ClusterNode` with a `Lobby`; players act in two
-episodes and go from node to node. In half of the episodes, one of them floods all nodes until the
+episodes and go from node to node. With every second seed, one of them floods all nodes until the
 faults stop. Nodes are killed, stopped (and continue later as if nothing had happened), cut off from
 NATS or only from its news, and asked to leave. NATS loses its quorum, or all messages are slow,
 lost or repeated for a while. All nodes are killed at once; after a loss of power, the last message

@@ -25,8 +25,8 @@ OPEN_SECONDS = 5.0
 LOST_SECONDS = 1.5
 """Seconds without a sign of the episode after which a player tries another node."""
 MAX_SPECTATORS = 10
-FLOODS = 0.5
-"""Share of the games with a player who floods."""
+FLOODED = 2
+"""The games of every second seed have a player who floods."""
 FLOOD_SECONDS = 0.02
 """Longest time between two bursts of a flood."""
 
@@ -44,7 +44,7 @@ class Game:
         if clock == "realtime":
             self.options["step_rate"] = chance.choice((1.0, 2.0, 5.0))
         self.players = [Player(self, number) for number in range(seats)]
-        if chance.random() < FLOODS:
+        if sim.seed % FLOODED == 0:
             self.players[-1] = Flooder(self, seats - 1)
 
     @property
