@@ -31,6 +31,7 @@ from robotouille.planning.policies import PlannerOptions, PlannerPolicy, Policy,
 from robotouille.planning.policies.policy import Did, Speech
 from robotouille.planning.policies.shift_policy import ShiftPolicy
 from robotouille.planning.policies.skill import EXPERT, Skill, SkilledPolicy
+from robotouille.planning.policies.team_plan import PART
 from robotouille.planning.search.best_first import GREEDY
 from robotouille.planning.shift import DishPlanner
 from robotouille.planning.solvers import AnytimePlanner
@@ -100,6 +101,11 @@ class MeteredPlanner(AnytimePlanner):
     def __init__(self, world: World, processor: Processor) -> None:
         super().__init__(world)
         self._processor = processor
+
+    def analyse(self, state: State, *, choices: int = 1, parts: int) -> int:
+        new = super().analyse(state, choices=choices, parts=parts)
+        self._processor.work += PART * new
+        return new
 
     def search(
         self,

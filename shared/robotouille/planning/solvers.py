@@ -252,6 +252,13 @@ class AnytimePlanner:
             better = _joined(better, self._general(query, limits.stop))
         yield better
 
+    def analyse(self, state: State, *, choices: int = 1, parts: int) -> int:
+        """Analyse at most `parts` parts of goals for beam searches from a state.
+
+        Return the number of new parts. If it is less than `parts`, the analysis is complete.
+        """
+        return self._planner.analyse(self.in_model(state), choices, parts)
+
     def towards(
         self,
         state: State,

@@ -11,6 +11,7 @@ import pytest
 from robotouille import GroundAction, State, World, load_task
 from robotouille.episode import Clock
 from robotouille.planning.beam.planner import UNSOLVED_FACTOR, BeamPlanner, Solution
+from robotouille.planning.beam.remaining_work_heuristic import GoalPart
 from robotouille.planning.plan import Plan
 from robotouille.planning.policies import PlannerPolicy
 from robotouille.planning.policies.policy import Did
@@ -22,7 +23,7 @@ from robotouille.planning.policies.standing import (
     walk_to,
     walks_out_of_the_way,
 )
-from robotouille.planning.policies.team_plan import BRIEF, MAX_BRIEF, PORTION
+from robotouille.planning.policies.team_plan import BRIEF, MAX_BRIEF, PART, PORTION
 from robotouille.planning.policies.team_talk import INSIST
 from tests.programs.simulated_people import RATE, person
 from tests.support.samples import quick_sample
@@ -103,6 +104,34 @@ def test_decision_work_is_bounded_next_to_a_person(
     assert sum(spent) <= (MAX_BRIEF + LAYER) * (2 + len(game.steps) // 5)
 
 
+@pytest.mark.slow
+def test_analysis_for_other_objects_is_spread_over_several_steps(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    parts: list[GoalPart] = []
+    spent: list[int] = []
+    act, begin = PlannerPolicy.act, GoalPart.__post_init__
+
+    def counted(part: GoalPart) -> None:
+        parts.append(part)
+        begin(part)
+
+    def measured(policy: PlannerPolicy, state: State) -> GroundAction | None:
+        before = len(parts)
+        action = act(policy, state)
+        spent.append(len(parts) - before)
+        return action
+
+    monkeypatch.setattr(GoalPart, "__post_init__", counted)
+    monkeypatch.setattr(PlannerPolicy, "act", measured)
+    world = World(load_task("multi_agent/10@3", timing="people"))
+    hoarder = person("hoarding", world, "robot1", 0)
+    play_team(world.task, {"robot1": hoarder}, clock=Clock.REALTIME, limit=60)
+    # Before the first step, both bots analyse the kitchen at once.
+    assert sum(spent[2:]) > 3 * PORTION // PART
+    assert max(spent[2:]) <= 1.5 * PORTION // PART
+
+
 NO_PLAN = Solution(Plan(()), reached=False, remaining_work=9.0, expansions=PORTION)
 
 
@@ -126,6 +155,13 @@ class Bench:
             self.step()
         return self.bot.act(self.state)
 
+    def work(self) -> None:
+        """Let the bot make its first plan, and do the first thing other than a walk."""
+        action = None
+        while action is None or action.destination is not None:
+            action = self.decide()
+            self.step(*(() if action is None else (action,)))
+
     def step(self, *actions: GroundAction) -> None:
         """Take a step of the game."""
         step = self.state.step(list(actions))
@@ -137,10 +173,7 @@ class Bench:
 def test_bot_that_plans_goes_on_with_its_last_plan(monkeypatch: pytest.MonkeyPatch) -> None:
     bench, other = Bench(monkeypatch), Bench(monkeypatch)
     for each in (bench, other):
-        for _ in range(2):
-            action = each.decide()
-            assert action is not None
-            each.step(action)
+        each.work()
     due = other.decide()
     assert due is not None
     bench.fail()

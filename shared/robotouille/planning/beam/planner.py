@@ -191,6 +191,9 @@ EXPANSIONS = 4_000
 
 MAX_STEPS = 5_000
 
+MAX_KEPT = 64
+"""Maximum number of states whose choices of objects are cached."""
+
 UNSOLVED_FACTOR = 4
 """Factor of the expansions while no plan has been found."""
 
@@ -218,6 +221,22 @@ class BeamPlanner:
         self._world = world
         self._context = HeuristicContext(world)
         self._ordering: Ordering | None = None
+        self._assigned: dict[tuple[State, int, int], list[GoalBinding]] = {}
+
+    def analyse(self, state: State, choices: int, parts: int) -> int:
+        """Analyse what all searches from a state need, and return the number of new parts.
+
+        The analysis of a new task takes a second or more. If the number is `parts`, the maximum,
+        another call continues.
+        """
+        context = self._context
+        before, ordering = context.analysed, self._ordering
+        context.stop = lambda: context.analysed - before >= parts
+        with suppress(StoppedError):
+            if self.ordering is not ordering:
+                return parts  # This takes as long as the analysis of some parts.
+            self._assignments(state, choices)
+        return context.analysed - before
 
     def solve(
         self,
@@ -275,10 +294,19 @@ class BeamPlanner:
     def _searches(
         self, state: State, players: tuple[str, ...], choices: int
     ) -> Iterator[BeamSearch]:
+        for binding in self._assignments(state, choices):
+            yield self._search(state, binding, players, self.ordering)
+
+    def _assignments(self, state: State, choices: int) -> list[GoalBinding]:
+        """Return choices of objects, which all searches from a state share."""
         self._context.refresh()
-        ordering = self.ordering
-        for binding in goal_assignments(self._context, state, ordering, choices):
-            yield self._search(state, binding, players, ordering)
+        key = state, choices, len(self._world.table.atoms)
+        if key not in self._assigned:
+            found = goal_assignments(self._context, state, self.ordering, choices)
+            if len(self._assigned) >= MAX_KEPT:
+                self._assigned.clear()
+            self._assigned[key] = found
+        return self._assigned[key]
 
     def _search(
         self,

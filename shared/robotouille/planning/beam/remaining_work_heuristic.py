@@ -118,9 +118,11 @@ class HeuristicContext:
 
     Attributes:
         stop: Function of the current search that returns whether to stop.
+        analysed: Number of parts of goals that were analysed so far.
     """
 
     stop: Callable[[], bool] | None = None
+    analysed = 0
 
     def __init__(self, world: World) -> None:
         self.world = world
@@ -189,6 +191,7 @@ class HeuristicContext:
             guests: list[Atom | None] = [*sorted(hosted)] or [None]
             projections = [Projection(self.analysis, focus, goal, guest) for guest in guests]
             part = self._parts[key] = GoalPart(self.analysis, projections, bool(goal))
+            self.analysed += 1
         return part
 
     def _can_fail(self, part: GoalPart, facts: int) -> bool:

@@ -356,7 +356,8 @@ class PlannerPolicy:
         if self._courtesy.at_work(self._step):
             return self._courtesy.act(state, self._step)
         # The steps that passed during planning may already contradict the new plan.
-        portion = Portion(PORTION if self._hurried else math.inf)
+        # Without any plan, a bot that acts could only walk aside, so the first analysis is at once.
+        portion = Portion(PORTION if self._hurried else math.inf, analysis=self._step > 0)
         for _ in range(MAX_CATCHING_UP):
             if self._needed is not None and self._make_plan(self._needed, portion):
                 self._catch_up()
