@@ -8,8 +8,8 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -289,19 +289,20 @@ def test_sample_refuses_certificates_with_larger_budgets(
 
 
 PROGRAM = """
-import sys, time
+import sys, threading
 from pathlib import Path
 from robotouille.certification.certifying import certify_dataset
 from tests.support.solvers import proving
 
-def slow(world, start=None, **options):
+def endless(world, start=None, **options):
     if "lettuce" in world.task.name:
-        time.sleep(60)
+        threading.Event().wait()
     return proving(world, start, **options)
 
 if __name__ == "__main__":
+    tell = lambda done, *_: print(len(done), flush=True)
     try:
-        certify_dataset(Path(sys.argv[1]), slow, jobs=2)
+        certify_dataset(Path(sys.argv[1]), endless, jobs=2, tell=tell)
     except KeyboardInterrupt:
         sys.exit(130)
 """
@@ -315,31 +316,27 @@ def test_no_process_outlives_the_run(folder: Path, number: int, status: int) -> 
     root = str(Path(__file__).parents[2])
     command = [sys.executable, str(program), str(folder)]
     environment = {**os.environ, "PYTHONPATH": root}
-    with subprocess.Popen(command, env=environment) as run:
-        until(lambda: len(list(folder.rglob("*.certificate.json"))) == 2)
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE) as run:
+        assert run.stdout is not None
+        while run.stdout.readline() != b"2\n":
+            assert run.poll() is None
         workers = psutil.Process(run.pid).children(recursive=True)
         assert len(workers) >= 2
         run.send_signal(number)
-        assert run.wait(timeout=10) == status
-    until(lambda: all(map(over, workers)))
+        try:
+            # The output ends when no process can write to it any more.
+            run.communicate(timeout=20)
+        except subprocess.TimeoutExpired:
+            run.kill()
+            for worker in workers:
+                with suppress(psutil.NoSuchProcess):
+                    worker.kill()
+            raise
+        assert run.returncode == status
     assert not (folder / MANIFEST).exists()
     left = {o.instance.file for o in outcomes(folder) if o.kept}
     assert left == {f"{NAMES[0]}.json", f"{NAMES[2]}.json"}
 
 
-def over(process: psutil.Process) -> bool:
-    try:
-        return process.status() == psutil.STATUS_ZOMBIE
-    except psutil.NoSuchProcess:
-        return True
-
-
 def outcomes(folder: Path) -> tuple[CertifyingOutcome, ...]:
     return check_dataset(folder, proving).outcomes
-
-
-def until(condition: Callable[[], bool], seconds: float = 20) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it takes too long"
-        time.sleep(0.05)

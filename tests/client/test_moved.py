@@ -63,6 +63,19 @@ async def strangers() -> AsyncIterator[tuple[str, list[dict[str, Any]]]]:
         yield f"ws://localhost:{port}", received
 
 
+@asynccontextmanager
+async def redirecting(elsewhere: str) -> AsyncIterator[str]:
+    """Yield the URL of a server that redirects connections by HTTP."""
+
+    def redirect(socket: ServerConnection, request: Request) -> Response:
+        response = socket.respond(http.HTTPStatus.FOUND, "")
+        response.headers["Location"] = f"{elsewhere}{request.path}"
+        return response
+
+    async with listen(_silence, "127.0.0.1", 0, process_request=redirect) as server:
+        yield f"ws://127.0.0.1:{next(iter(server.sockets)).getsockname()[1]}"
+
+
 @virtual
 async def test_redirected_join_sends_no_token_to_another_host() -> None:
     async with strangers() as (elsewhere, received):
@@ -94,35 +107,18 @@ async def test_redirected_hello_sends_no_token_to_another_host() -> None:
 
 @virtual
 async def test_http_redirect_sends_no_token_to_another_host() -> None:
-    async with strangers() as (elsewhere, received):
-
-        def redirect(socket: ServerConnection, request: Request) -> Response:
-            response = socket.respond(http.HTTPStatus.FOUND, "")
-            response.headers["Location"] = f"{elsewhere}{request.path}"
-            return response
-
-        async with listen(_silence, "127.0.0.1", 0, process_request=redirect) as server:
-            port = next(iter(server.sockets)).getsockname()[1]
-            with pytest.raises(UntrustedRedirectError, match="another host"):
-                async with connect(f"ws://127.0.0.1:{port}", name="ada", token="secret"):
-                    raise AssertionError("not reached")
+    async with strangers() as (elsewhere, received), redirecting(elsewhere) as url:
+        with pytest.raises(UntrustedRedirectError, match="another host"):
+            async with connect(url, name="ada", token="secret"):
+                raise AssertionError("not reached")
         assert received == []
 
 
 @virtual
 async def test_http_redirect_to_a_named_host_is_followed() -> None:
-    async with strangers() as (elsewhere, received):
-
-        def redirect(socket: ServerConnection, request: Request) -> Response:
-            response = socket.respond(http.HTTPStatus.FOUND, "")
-            response.headers["Location"] = f"{elsewhere}{request.path}"
-            return response
-
-        async with listen(_silence, "127.0.0.1", 0, process_request=redirect) as server:
-            port = next(iter(server.sockets)).getsockname()[1]
-            urls = f"ws://127.0.0.1:{port},{elsewhere}"
-            async with connect(urls, name="ada", token="secret", encoding="json"):
-                assert [message["token"] for message in received] == ["secret"]
+    async with strangers() as (elsewhere, received), redirecting(elsewhere) as url:
+        async with connect(f"{url},{elsewhere}", name="ada", token="secret", encoding="json"):
+            assert [message["token"] for message in received] == ["secret"]
 
 
 @virtual
