@@ -225,6 +225,17 @@ async def hello(client: Raw, name: str, **fields: Any) -> dict[str, Any]:
     return await client.ask({"type": "hello", "protocol": 1, "name": name, **fields}, "welcome")
 
 
+@asynccontextmanager
+async def two_of_a_name(folder: Path) -> AsyncIterator[tuple[Server, Raw, Raw, str]]:
+    """Serve an episode that two clients called `ada` may join."""
+    async with (
+        serving(folder) as server,
+        raw(server, name="ada") as one,
+        raw(server, name="ada") as two,
+    ):
+        yield server, one, two, await opened(one)
+
+
 @virtual
 async def test_second_participant_of_a_name_gets_a_number(tmp_path: Path) -> None:
     async with (
@@ -248,12 +259,7 @@ async def test_second_participant_of_a_name_gets_a_number(tmp_path: Path) -> Non
 
 @virtual
 async def test_name_is_unique_per_episode_and_reusable(tmp_path: Path) -> None:
-    async with (
-        serving(tmp_path) as server,
-        raw(server, name="ada") as one,
-        raw(server, name="ada") as two,
-    ):
-        code = await opened(one)
+    async with two_of_a_name(tmp_path) as (_, one, two, code):
         await enter(one, code, role="spectator")
         assert (await enter(two, code, role="spectator"))["name"] == "ada 2"
         await two.ask({"type": "leave"}, "left")
@@ -266,12 +272,7 @@ async def test_name_is_unique_per_episode_and_reusable(tmp_path: Path) -> None:
 
 @virtual
 async def test_refused_join_reserves_no_name(tmp_path: Path) -> None:
-    async with (
-        serving(tmp_path) as server,
-        raw(server, name="ada") as one,
-        raw(server, name="ada") as two,
-    ):
-        code = await opened(one)
+    async with two_of_a_name(tmp_path) as (_, one, two, code):
         await enter(one, code)
         refused = await two.ask({"type": "join", "episode": code, "seat": "robot1"}, "joined")
         assert refused["code"] == "seat/taken"
@@ -282,12 +283,7 @@ async def test_refused_join_reserves_no_name(tmp_path: Path) -> None:
 
 @virtual
 async def test_returning_participant_keeps_the_name(tmp_path: Path) -> None:
-    async with (
-        serving(tmp_path) as server,
-        raw(server, name="ada") as one,
-        raw(server, name="ada") as two,
-    ):
-        code = await opened(one)
+    async with two_of_a_name(tmp_path) as (server, one, two, code):
         await enter(one, code)
         token = (await enter(two, code))["resume"]
         await two.socket.close()

@@ -26,12 +26,25 @@ BREAD_ON_BOARD = (
     "Move robot1 from table2 to board1",
 )
 """Afterwards the board is occupied and the lettuce is in hand."""
+UNCUT_LETTUCE_ON_BREAD = (
+    "Move robot1 from table5 to table2",
+    "Pick up lettuce1 at table2 with robot1",
+    "Move robot1 from table2 to table3",
+    "Stack lettuce1 onto bread1 at table3 with robot1",
+)
 
 
 def with_rejected(course: Trajectory, *texts: str, reasoning: str = "") -> Trajectory:
     """Return the trajectory with rejected answers at its end."""
     wrong = refused(course, course.steps, *texts, reasoning=reasoning)
     return replace(course, answers=(*course.answers, *wrong))
+
+
+def with_reasoning(text: str, *later: str) -> Trajectory:
+    """Return a trajectory whose first answer has a reasoning."""
+    course = solo(LETTUCE_SANDWICH, "Move robot1 from table5 to table2", *later)
+    first, *others = course.answers
+    return replace(course, answers=(replace(first, reasoning=text), *others))
 
 
 def found(course: Trajectory, budget: int = 100) -> tuple[Category, Subcategory]:
@@ -110,10 +123,7 @@ def test_goal_outweighs_recovered_mistakes() -> None:
     """Case of the appendix: rules were violated and the goal misunderstood."""
     course = solo(
         LETTUCE_SANDWICH,
-        "Move robot1 from table5 to table2",
-        "Pick up lettuce1 at table2 with robot1",
-        "Move robot1 from table2 to table3",
-        "Stack lettuce1 onto bread1 at table3 with robot1",
+        *UNCUT_LETTUCE_ON_BREAD,
         "Move robot1 from table3 to table4",
         "Pick up bread2 at table4 with robot1",
     )
@@ -137,19 +147,14 @@ def test_preparation_of_the_lower_thing_is_forgotten() -> None:
 def test_corrected_mistakes_are_not_goal_failures() -> None:
     course = solo(
         LETTUCE_SANDWICH,
-        "Move robot1 from table5 to table2",
-        "Pick up lettuce1 at table2 with robot1",
-        "Move robot1 from table2 to table3",
-        "Stack lettuce1 onto bread1 at table3 with robot1",
+        *UNCUT_LETTUCE_ON_BREAD,
         "Lift lettuce1 off bread1 at table3 with robot1",
     )
     assert [each.lasting for each in evidence(course)] == [False]
 
 
 def test_false_claims() -> None:
-    course = solo(LETTUCE_SANDWICH, "Move robot1 from table5 to table2")
-    received = replace(course.answers[0], reasoning="Bread, lettuce. lettuce1 is already cut.")
-    course = replace(course, answers=(received,))
+    course = with_reasoning("Bread, lettuce. lettuce1 is already cut.")
     assert found(course) == (Category.STATE, Subcategory.PREDICATES)
 
 
@@ -162,25 +167,18 @@ def test_false_claims() -> None:
     ],
 )
 def test_statements_that_are_not_false_claims(reasoning: str) -> None:
-    course = solo(LETTUCE_SANDWICH, "Move robot1 from table5 to table2")
-    received = replace(course.answers[0], reasoning=reasoning)
-    assert not evidence(replace(course, answers=(received,)))
+    assert not evidence(with_reasoning(reasoning))
 
 
 def test_bad_start() -> None:
-    course = solo(LETTUCE_SANDWICH, "Move robot1 from table5 to table2", "Do nothing")
-    received = replace(course.answers[0], reasoning="The goal: bread on bread.")
-    course = replace(course, answers=(received, course.answers[1]))
-    failure = classify(course, 2)
+    failure = classify(with_reasoning("The goal: bread on bread.", "Do nothing"), 2)
     assert failure is not None
     assert failure.subcategory is Subcategory.BAD_START
     assert failure.evidence[0].words == "the first reasoning does not name: lettuce"
 
 
 def test_reasoning_without_goal_is_not_a_bad_start() -> None:
-    course = solo(LETTUCE_SANDWICH, "Move robot1 from table5 to table2")
-    received = replace(course.answers[0], reasoning="The bread is over there.")
-    assert evidence(replace(course, answers=(received,))) == []
+    assert evidence(with_reasoning("The bread is over there.")) == []
 
 
 def test_wrong_ingredient() -> None:
