@@ -20,7 +20,7 @@ from robotouille.replay.recording import read_recording
 from robotouille_client import Client, Game, connect
 from robotouille_server import Server, ServerSettings, serve
 from robotouille_server.cluster.joining import joined
-from robotouille_server.cluster.nats_bus import nats_bus
+from robotouille_server.cluster.nats.nats_bus import nats_bus
 from tests.support.lying_nats import GREETING, lying_nats
 from tests.support.nats import missing, nats_cluster
 

@@ -10,7 +10,7 @@ from structlog.testing import capture_logs
 
 from robotouille.errors import ProtocolError
 from robotouille_server.cluster.bus import Bucket, ConflictError, Entry, UnavailableError
-from robotouille_server.cluster.directory import ClusterSlot, Directory, EpisodeRecord
+from robotouille_server.cluster.episodes.directory import ClusterSlot, Directory, EpisodeRecord
 from robotouille_server.cluster.members import Members, NodeReport
 from robotouille_server.runtime.workers import ElsewhereError
 from tests.programs.simulation.loop import SimulatedLoop

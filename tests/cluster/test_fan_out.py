@@ -18,11 +18,11 @@ from robotouille.protocol import messages
 from robotouille_client import Client, Game, connect
 from robotouille_client.sansio.game_events import ChatReceived
 from robotouille_server.auth import Role
-from robotouille_server.cluster import relays as relays_module
-from robotouille_server.cluster.mirrors import IDLE_SECONDS, Mirror
-from robotouille_server.cluster.packets import Packet, PacketReader
-from robotouille_server.cluster.relays import WATCH_SECONDS, Relay, Relays
 from robotouille_server.cluster.service import ClusterService
+from robotouille_server.cluster.spectators import relays as relays_module
+from robotouille_server.cluster.spectators.mirror import IDLE_SECONDS, Mirror
+from robotouille_server.cluster.spectators.packets import Packet, PacketReader
+from robotouille_server.cluster.spectators.relays import WATCH_SECONDS, Relay, Relays
 from robotouille_server.rooms.lobby import LINGER_SECONDS
 from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.publishing.broadcaster import Broadcaster

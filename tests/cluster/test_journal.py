@@ -12,7 +12,6 @@ import pytest
 from structlog.testing import capture_logs
 
 from robotouille.replay.recorder import Recorder
-from robotouille_server.cluster import journal as module
 from robotouille_server.cluster.bus import (
     Append,
     BusError,
@@ -20,7 +19,8 @@ from robotouille_server.cluster.bus import (
     Stored,
     UnavailableError,
 )
-from robotouille_server.cluster.journal import (
+from robotouille_server.cluster.episodes import journal as module
+from robotouille_server.cluster.episodes.journal import (
     LATE_SECONDS,
     MAX_PIECE,
     JournalEnd,

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from robotouille_server.cluster.bus import Append, BusError, UnavailableError
-from robotouille_server.cluster.nats_bus import NatsAddress, NatsBus, nats_bus
+from robotouille_server.cluster.nats.nats_bus import NatsAddress, NatsBus, nats_bus
 from tests.support.nats import missing, nats_cluster
 
 MESSAGES = 5

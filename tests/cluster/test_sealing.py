@@ -10,8 +10,8 @@ from structlog.testing import capture_logs
 
 from robotouille.errors import MissingExtraError, RobotouilleError
 from robotouille_server.auth.keys import FileKeyring, Key, encode_keys, load, rotate
-from robotouille_server.cluster.sealing import read_cluster_key
-from robotouille_server.cluster.secrets import KEYS
+from robotouille_server.cluster.keys.sealing import read_cluster_key
+from robotouille_server.cluster.keys.secrets import KEYS
 from tests.support.shared_bucket import CLUSTER_KEY, Node, Shared, errors
 
 posix_only = pytest.mark.skipif(sys.platform == "win32", reason="file modes")
@@ -64,7 +64,7 @@ async def test_altered_keys_are_refused(
     if isinstance(change, int):
         value[change] ^= 1
     elif change == "other name":
-        monkeypatch.setattr("robotouille_server.cluster.secrets.KEYS", "keys2")
+        monkeypatch.setattr("robotouille_server.cluster.keys.secrets.KEYS", "keys2")
         shared.change("keys2", bytes(value))
     else:
         del value[30 if change == "short" else 12 :]

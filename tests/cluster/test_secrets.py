@@ -24,7 +24,7 @@ from robotouille_server.auth.revocation import (
     revoke,
 )
 from robotouille_server.cluster.bus import UnavailableError
-from robotouille_server.cluster.secrets import (
+from robotouille_server.cluster.keys.secrets import (
     KEYS,
     MAX_VALUE_BYTES,
     REVOKED,
@@ -403,7 +403,7 @@ async def test_nodes_agree_after_failures(shared: Shared, tmp_path: Path, seed: 
 @pytest.mark.slow
 @pytest.mark.skipif(bool(missing()), reason=missing())
 async def test_secrets_are_shared_through_nats(tmp_path: Path) -> None:
-    from robotouille_server.cluster.nats_bus import NatsAddress, nats_bus
+    from robotouille_server.cluster.nats.nats_bus import NatsAddress, nats_bus
 
     pytest.importorskip("cryptography")
     with nats_cluster(tmp_path / "nats", servers=1) as cluster:

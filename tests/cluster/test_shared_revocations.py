@@ -16,7 +16,7 @@ from robotouille_server.auth.revocation import (
     load_revoked,
     revoke,
 )
-from robotouille_server.cluster.secrets import (
+from robotouille_server.cluster.keys.secrets import (
     KEYS,
     MAX_VALUE_BYTES,
     REVOKED,

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from robotouille_server.cluster.bus import Bucket
-from robotouille_server.cluster.nats_bus import NatsAddress, nats_bus
+from robotouille_server.cluster.nats.nats_bus import NatsAddress, nats_bus
 from tests.support.nats import missing, nats_cluster
 
 NODES = 6

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from robotouille_client import connect
-from robotouille_server.cluster import strays
 from robotouille_server.cluster.bus import Bucket
-from robotouille_server.cluster.directory import EpisodeRecord
+from robotouille_server.cluster.episodes import strays
+from robotouille_server.cluster.episodes.directory import EpisodeRecord
 from robotouille_server.cluster.members import LEASE_SECONDS, RENEW_SECONDS
 from tests.support.clusters import Node, cluster_of
 from tests.support.virtual_time import virtual

@@ -12,7 +12,11 @@ import pytest
 from robotouille.replay.recorder import Recorder
 from robotouille_client import connect
 from robotouille_server.cluster.bus import Append, BusError, Stored, UnavailableError
-from robotouille_server.cluster.journal import LATE_SECONDS, JournalKeeper, ReplicatedJournal
+from robotouille_server.cluster.episodes.journal import (
+    LATE_SECONDS,
+    JournalKeeper,
+    ReplicatedJournal,
+)
 from robotouille_server.cluster.members import LEASE_SECONDS
 from robotouille_server.cluster.node import LOOK_SECONDS
 from robotouille_server.rooms.participants.seat_limits import RoundTrips

@@ -10,8 +10,8 @@ from structlog.testing import capture_logs
 
 from robotouille.errors import ProtocolError
 from robotouille_server.auth.revocation import USED_KEPT_SECONDS
-from robotouille_server.cluster.secrets import KEYS
-from robotouille_server.cluster.used_tokens import MAX_FORGOTTEN
+from robotouille_server.cluster.keys.secrets import KEYS
+from robotouille_server.cluster.keys.used_tokens import MAX_FORGOTTEN
 from tests.support.shared_bucket import NOW, Node, Shared
 
 

@@ -14,8 +14,8 @@ import pytest
 
 from robotouille.episode import Event, Stepped
 from robotouille_server.cluster.bus import BusError, ConflictError, Stored, UnavailableError
-from robotouille_server.cluster.directory import Directory
-from robotouille_server.cluster.journal import ReplicatedJournal
+from robotouille_server.cluster.episodes.directory import Directory
+from robotouille_server.cluster.episodes.journal import ReplicatedJournal
 from robotouille_server.cluster.members import Members, _Member
 from tests.programs.simulation.cluster import run_cluster_seed
 from tests.programs.simulation.simulation import Report
@@ -145,7 +145,7 @@ def omit_a_step(patch: pytest.MonkeyPatch) -> None:
 
 def forget_the_last_message(patch: pytest.MonkeyPatch) -> None:
     """Continue an episode without its last message that has content, and cut it off."""
-    read = "robotouille_server.cluster.claims.assembled"
+    read = "robotouille_server.cluster.episodes.claims.assembled"
 
     def careless(messages: list[Stored]) -> bytes:
         return b"".join([message.data for message in messages if message.data][:-1])
@@ -164,7 +164,7 @@ def trust_the_directory(patch: pytest.MonkeyPatch) -> None:
 
 def restate_nothing(patch: pytest.MonkeyPatch) -> None:
     """Continue a journal without writing its end again."""
-    patch.setattr("robotouille_server.cluster.claims.RESTATED", 0)
+    patch.setattr("robotouille_server.cluster.episodes.claims.RESTATED", 0)
 
 
 FAULTS = [

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 from robotouille_server.auth.revocation import revoke
 from robotouille_server.cluster.bus import Bucket, Bus, ConflictError, Entry, UnavailableError
-from robotouille_server.cluster.secrets import SharedSecrets
+from robotouille_server.cluster.keys.secrets import SharedSecrets
 
 NOW = 1_800_000_000.0
 CLUSTER_KEY = bytes(range(32))

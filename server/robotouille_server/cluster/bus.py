@@ -1,6 +1,6 @@
 """Interface of the service that connects the nodes of a cluster.
 
-`nats_bus.NatsBus` is the real one. Tests replace it by a simulated one that delays, drops and
+`nats.nats_bus.NatsBus` is the real one. Tests replace it by a simulated one that delays, drops and
 repeats messages.
 """
 

@@ -16,10 +16,10 @@ from robotouille_server.app import Server
 from robotouille_server.auth import key_file, revoked_file
 from robotouille_server.auth.keys import Keyring
 from robotouille_server.cluster.bus import Bus, BusError, until_available
+from robotouille_server.cluster.keys.secrets import SharedSecrets, keys_digest, read_cluster_key
 from robotouille_server.cluster.members import NodeReport
-from robotouille_server.cluster.nats_bus import nats_bus
+from robotouille_server.cluster.nats.nats_bus import nats_bus
 from robotouille_server.cluster.node import ClusterNode, NodeParts
-from robotouille_server.cluster.secrets import SharedSecrets, keys_digest, read_cluster_key
 from robotouille_server.cluster.service import ClusterService
 from robotouille_server.rooms.recording.storage import Folder
 from robotouille_server.rooms.room_factory import Surroundings

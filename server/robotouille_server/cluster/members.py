@@ -5,7 +5,7 @@ This is pure logic: time is an argument.
 Every node renews a report once a second. A node whose report is not renewed for `LEASE_SECONDS` has
 lost its episodes: the others claim them. They may err, because a slow node is like a dead one. So
 nothing depends on this but speed: a node that writes to a journal learns whether it still owns the
-episode (`journal.py`).
+episode (`episodes/journal.py`).
 """
 
 from __future__ import annotations

@@ -25,10 +25,11 @@ from robotouille_server.cluster.bus import (
     UnavailableError,
     until_available,
 )
-from robotouille_server.cluster.claims import Claims, Continuation
-from robotouille_server.cluster.closing import Closing
-from robotouille_server.cluster.directory import ClusterSlot, Directory, EpisodeRecord
-from robotouille_server.cluster.journal import ReplicatedJournal
+from robotouille_server.cluster.episodes.claims import Claims, Continuation
+from robotouille_server.cluster.episodes.closing import Closing
+from robotouille_server.cluster.episodes.directory import ClusterSlot, Directory, EpisodeRecord
+from robotouille_server.cluster.episodes.journal import ReplicatedJournal
+from robotouille_server.cluster.episodes.strays import Strays
 from robotouille_server.cluster.members import (
     LEASE_SECONDS,
     MAX_REFUSED,
@@ -38,7 +39,6 @@ from robotouille_server.cluster.members import (
     parse_report,
 )
 from robotouille_server.cluster.readiness import is_ready
-from robotouille_server.cluster.strays import Strays
 from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.recording.archive import ArchivedEpisode
 from robotouille_server.rooms.recording.storage import Storage

@@ -12,11 +12,11 @@ from robotouille.episode import Phase
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_server.cluster.bus import Bus, BusError, NoAnswererError
-from robotouille_server.cluster.mirrors import Mirrors
+from robotouille_server.cluster.keys.secrets import SharedSecrets
 from robotouille_server.cluster.node import ClusterNode, other_nodes
-from robotouille_server.cluster.packets import Line, Watch, Watched
-from robotouille_server.cluster.relays import Relays
-from robotouille_server.cluster.secrets import SharedSecrets
+from robotouille_server.cluster.spectators.mirrors import Mirrors
+from robotouille_server.cluster.spectators.packets import Line, Watch, Watched
+from robotouille_server.cluster.spectators.relays import Relays
 from robotouille_server.requests import Opening, Services, open_episode
 from robotouille_server.rooms.lobby import MAX_LISTED
 from robotouille_server.rooms.participants.session import JoinedRoom, SessionLimits

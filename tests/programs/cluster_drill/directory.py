@@ -9,9 +9,9 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
 from robotouille_server.cluster.bus import Bucket, Entry
-from robotouille_server.cluster.directory import EpisodeRecord
+from robotouille_server.cluster.episodes.directory import EpisodeRecord
 from robotouille_server.cluster.members import parse_report
-from robotouille_server.cluster.nats_bus import NatsAddress, nats_bus
+from robotouille_server.cluster.nats.nats_bus import NatsAddress, nats_bus
 
 __all__ = ["Observer", "Takeover", "observing"]
 

@@ -36,7 +36,7 @@ from unittest.mock import patch
 
 from robotouille_server.cluster import node
 from robotouille_server.cluster.bus import Bucket, Stored
-from robotouille_server.cluster.journal import ReplicatedJournal
+from robotouille_server.cluster.episodes.journal import ReplicatedJournal
 from tests.programs.simulation.cluster_games import Game
 from tests.programs.simulation.cluster_nodes import NodeMachine
 from tests.programs.simulation.cluster_oracle import ClusterOracle

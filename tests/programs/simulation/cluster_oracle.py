@@ -15,7 +15,7 @@ from robotouille.replay.frame_schema import note_of
 from robotouille.replay.recording import Recording
 from robotouille.world.world import World
 from robotouille_server.cluster.bus import Bucket, Stored
-from robotouille_server.cluster.directory import EpisodeRecord
+from robotouille_server.cluster.episodes.directory import EpisodeRecord
 from robotouille_server.cluster.members import LEASE_SECONDS, NodeReport
 from tests.programs.simulation.oracle import EpisodeTruth
 

@@ -29,8 +29,8 @@ from robotouille_server.auth.revocation import (
     parse_revoked,
 )
 from robotouille_server.cluster.bus import Bucket, Bus, BusError, ConflictError, Entry
-from robotouille_server.cluster.sealing import Seal, read_cluster_key
-from robotouille_server.cluster.used_tokens import USED, SharedUses
+from robotouille_server.cluster.keys.sealing import Seal, read_cluster_key
+from robotouille_server.cluster.keys.used_tokens import USED, SharedUses
 from robotouille_server.runtime.logs import get_logger
 
 __all__ = ["SharedSecrets", "keys_digest", "read_cluster_key"]

@@ -1,4 +1,4 @@
-"""Spectators of other nodes' episodes (docs/decisions/0044).
+"""Mirror of another node's episode, for spectators of this node (docs/decisions/0044).
 
 A mirror stands for the room of an episode that another node has. It receives each update once and
 passes it on to all its spectators, as the room does.
@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import suppress
-from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, NoReturn, Protocol
 
@@ -17,8 +16,8 @@ from robotouille.episode import Departure, Phase, Seat
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_server.cluster.bus import BusError
-from robotouille_server.cluster.mirrored import Updates
-from robotouille_server.cluster.packets import (
+from robotouille_server.cluster.spectators.mirrored_episode import Updates
+from robotouille_server.cluster.spectators.packets import (
     Line,
     Watch,
     Watched,
@@ -423,48 +422,3 @@ class Mirror:
 
     def record_unreadable(self, session: Session, message: bytes | str, why: ProtocolError) -> None:
         """Do nothing: messages of spectators are not recorded."""
-
-
-class Mirrors:
-    """Mirrors of the episodes that spectators of this node watch on other nodes."""
-
-    def __init__(self, service: MirrorService) -> None:
-        self.by_episode: dict[str, Mirror] = {}
-        self._service = service
-        self._timers = TimerQueue()
-        service.node.directory.observer = self._changed
-
-    def of(self, session: str, episode: str) -> Mirror | None:
-        """Return the mirror to which a spectator may come back."""
-        known = self._service.services.sessions.by_id.get(session)
-        if known is not None and isinstance(known.room, Mirror):
-            return known.room
-        mirror = self.by_episode.get(episode)
-        usable = mirror is not None and not mirror.closed and mirror.code
-        # A spectator may have taken a seat since its token was made.
-        return mirror if usable and mirror is not None and session not in mirror.seated else None
-
-    async def open(self, episode: str) -> Mirror | None:
-        """Return the mirror of an episode; None if its node does not answer."""
-        mirror = self.by_episode.get(episode)
-        if mirror is None or mirror.closed:
-            mirror = self.by_episode[episode] = Mirror(episode, self._service, self._timers)
-            mirror.running.add_done_callback(partial(self._forget, mirror))
-        return mirror if await asyncio.shield(mirror.ready) else None
-
-    def _forget(self, mirror: Mirror, done: asyncio.Task[None]) -> None:
-        if self.by_episode.get(mirror.id) is mirror:
-            del self.by_episode[mirror.id]
-
-    def _changed(self, episode: str) -> None:
-        mirror = self.by_episode.get(episode)
-        if mirror is not None:
-            mirror.look()
-
-    async def close(self) -> None:
-        """End all mirrors, because the server stops."""
-        running = [mirror.running for mirror in self.by_episode.values()]
-        for task in running:
-            task.cancel()
-        await asyncio.gather(*running, return_exceptions=True)
-        self._timers.clear()

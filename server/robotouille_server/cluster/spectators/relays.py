@@ -16,7 +16,7 @@ from robotouille.errors import ProtocolError
 from robotouille.protocol.codec import MSGPACK
 from robotouille_server.auth import Role
 from robotouille_server.cluster.bus import Bus
-from robotouille_server.cluster.packets import Line, Packet, Watch, Watched, subject_of
+from robotouille_server.cluster.spectators.packets import Line, Packet, Watch, Watched, subject_of
 from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.room import Room
 from robotouille_server.transport import frame_of

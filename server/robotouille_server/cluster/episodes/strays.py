@@ -12,8 +12,8 @@ from collections.abc import Callable
 from robotouille.errors import RecordingError
 from robotouille.replay.recording import Recording
 from robotouille_server.cluster.bus import Bus, BusError
-from robotouille_server.cluster.directory import Directory
-from robotouille_server.cluster.journal import assembled
+from robotouille_server.cluster.episodes.directory import Directory
+from robotouille_server.cluster.episodes.journal import assembled
 from robotouille_server.runtime.logs import get_logger
 
 SWEEP_SECONDS = 45.0

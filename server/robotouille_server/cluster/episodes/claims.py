@@ -12,9 +12,9 @@ from robotouille.replay.recording import Recording
 from robotouille.replay.restore import Restoration, Restored
 from robotouille.world.world import shared_world
 from robotouille_server.cluster.bus import Append, Bus, BusError, ConflictError, Stored
-from robotouille_server.cluster.closing import Closing
-from robotouille_server.cluster.directory import Directory, EpisodeRecord
-from robotouille_server.cluster.journal import (
+from robotouille_server.cluster.episodes.closing import Closing
+from robotouille_server.cluster.episodes.directory import Directory, EpisodeRecord
+from robotouille_server.cluster.episodes.journal import (
     JournalEnd,
     JournalKeeper,
     ReplicatedJournal,

@@ -12,7 +12,7 @@ import msgpack
 from robotouille.episode import Phase
 from robotouille.protocol import messages
 from robotouille.protocol.codec import MSGPACK
-from robotouille_server.cluster.packets import PacketReader, split
+from robotouille_server.cluster.spectators.packets import PacketReader, split
 from robotouille_server.rooms.publishing.audience import (
     MAX_STEP_BYTES,
     MAX_STEPS,

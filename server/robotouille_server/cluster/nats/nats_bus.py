@@ -49,13 +49,13 @@ from robotouille_server.cluster.bus import (
     Stored,
     UnavailableError,
 )
-from robotouille_server.cluster.nats_errors import (
+from robotouille_server.cluster.nats.errors import (
     IN_USE,
     NO_MESSAGE,
     WRONG_SEQUENCE,
     NatsErrors,
 )
-from robotouille_server.cluster.purging import CarefulJetStream
+from robotouille_server.cluster.nats.purging import CarefulJetStream
 from robotouille_server.runtime.logs import get_logger
 
 OLDEST_SERVER = (2, 9)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from robotouille.errors import RecordingError
 from robotouille_server.cluster.bus import Bus, BusError
-from robotouille_server.cluster.directory import Directory
-from robotouille_server.cluster.journal import assembled
+from robotouille_server.cluster.episodes.directory import Directory
+from robotouille_server.cluster.episodes.journal import assembled
 from robotouille_server.rooms.recording.journal import close_recording
 from robotouille_server.rooms.recording.storage import Storage
 from robotouille_server.runtime.logs import get_logger

@@ -1,0 +1,1 @@
+"""Episodes of the cluster: their journals and directory, and who continues them."""

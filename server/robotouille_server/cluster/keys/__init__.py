@@ -1,0 +1,1 @@
+"""Signing keys, revoked tokens and used tokens that all nodes share."""
