@@ -113,6 +113,23 @@ class TestAnyNode:
             assert opened <= nodes[0].rooms
 
     @virtual
+    async def test_a_node_that_is_cut_off_opens_no_episode_that_nobody_has(
+        self, tmp_path: Path
+    ) -> None:
+        async with cluster_of(tmp_path) as nodes:
+            lobby, node = nodes[0].server.lobby, nodes[0].cluster.node
+            nodes[0].bus.cut()
+            opening: list[asyncio.Task[None]] = []
+            while not node.cut_off:
+                room = lobby.create(messages.Create(task=TASK))
+                opening.append(asyncio.create_task(node.registered(room.id)))
+                await asyncio.sleep(0.25)
+            nodes[0].bus.heal()
+            results = await asyncio.gather(*opening, return_exceptions=True)
+            assert results
+            assert {type(result) for result in results} == {UnavailableError}
+
+    @virtual
     async def test_new_episodes_are_divided_among_the_nodes(self, tmp_path: Path) -> None:
         async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
             for _ in range(6):

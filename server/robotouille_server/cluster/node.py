@@ -279,6 +279,9 @@ class ClusterNode:
         )
         try:
             await journal.stored()
+            # A node that is cut off gives its rooms up, also those that are not stored yet.
+            if not journal.settled:
+                raise UnavailableError("this node was cut off before the episode was stored")
             await self.directory.add(record)
             if record.reserved:
                 self._reserved.add(room.id)
