@@ -11,15 +11,15 @@ export function h(tag, props = {}, ...children) {
   return element;
 }
 
-const SVG = "http://www.w3.org/2000/svg";
+function svg(tag, attributes, ...children) {
+  const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+  element.append(...children);
+  return element;
+}
 
 export function icon(name) {
-  const svg = document.createElementNS(SVG, "svg");
-  const use = document.createElementNS(SVG, "use");
-  use.setAttribute("href", `#i-${name}`);
-  svg.setAttribute("aria-hidden", "true");
-  svg.append(use);
-  return svg;
+  return svg("svg", { "aria-hidden": "true" }, svg("use", { href: `#i-${name}` }));
 }
 
 export function button(symbol, label, onclick, more = "") {
@@ -51,15 +51,10 @@ export function saveAs(blob, name) {
 
 // Line chart without axes, scaled to its highest value.
 export function sparkline() {
-  const svg = document.createElementNS(SVG, "svg");
-  const line = document.createElementNS(SVG, "polyline");
-  svg.setAttribute("class", "spark");
-  svg.setAttribute("viewBox", "0 0 59 20");
-  svg.setAttribute("preserveAspectRatio", "none");
-  svg.setAttribute("aria-hidden", "true");
-  svg.append(line);
+  const line = svg("polyline", {});
+  const shape = { viewBox: "0 0 59 20", preserveAspectRatio: "none" };
   return {
-    root: svg,
+    root: svg("svg", { class: "spark", "aria-hidden": "true", ...shape }, line),
     update(values) {
       const highest = Math.max(...values, 1e-9);
       const offset = 60 - values.length;
