@@ -1,4 +1,4 @@
-"""What players see of the waiting room, the kitchen and the orders without scrolling."""
+"""The waiting room, the kitchen and the orders, as players see them without scrolling."""
 
 from __future__ import annotations
 

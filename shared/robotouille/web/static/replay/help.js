@@ -1,6 +1,6 @@
 // The dialog that explains the keys and the signs of the timeline.
 
-import { byId, element, setText } from "../play/dom.js";
+import { byId, element } from "../play/dom.js";
 import { text } from "../play/texts.js";
 import { ACTIVITIES, MARKS, drawMark } from "./timeline.js";
 
@@ -16,7 +16,7 @@ const SIGNS = [
 
 export function fillHelp() {
   const dialog = /** @type {HTMLDialogElement} */ (byId("help"));
-  const list = element("dl", {}, ...KEYS.flatMap(([key, words]) =>
+  byId("keys").replaceChildren(...KEYS.flatMap(([key, words]) =>
     [element("dt", {}, element("kbd", {}, key)), element("dd", {}, text(words))]));
   const lanes = [...ACTIVITIES].map(([letter, [colour, height]]) =>
     legend(text(letter), (context) => {
@@ -26,13 +26,7 @@ export function fillHelp() {
   const signs = SIGNS.map(([kind, words]) => legend(text(words), (context) => {
     drawMark(context, /** @type {[string, string]} */ (MARKS.get(kind)), 8, 2, 12);
   }));
-  const close = element("button", { type: "button", class: "main" }, text("close"));
-  close.addEventListener("click", () => dialog.close());
-  dialog.replaceChildren(
-    element("h2", {}, text("keys")), list,
-    element("h2", {}, text("signs")), element("ul", { class: "legend" }, ...lanes, ...signs), close,
-  );
-  setText(byId("help-button"), text("help"));
+  byId("signs").replaceChildren(...lanes, ...signs);
   byId("help-button").addEventListener("click", () => dialog.showModal());
 }
 

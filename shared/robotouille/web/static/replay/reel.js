@@ -1,7 +1,7 @@
 // One recording: its states by step, its times, and what happened.
 
 import { actionNamed } from "../rules/actions.js";
-import { State } from "../rules/state.js";
+import { State, advance } from "../rules/state.js";
 
 /** @typedef {import("../rules/task.js").Task} Task */
 /**
@@ -46,35 +46,15 @@ export class Reel {
 
   /** Read every 64th state. Most states between them are never needed. */
   readKeys() {
-    let { table, _facts: facts, timers, _busy: busy, orders } =
-      State.fromSnapshot(this.task, this.raw.snapshot);
-    /** @param {any[]} places @param {0 | 1} value */
-    const mark = (places, value) => {
-      for (const place of places) {
-        if (!(place >= 0 && place < facts.length)) throw new Error(`no atom ${place}`);
-        facts[place] = value;
-      }
-    };
-    for (let step = 0; step <= this.last; step += 1) {
-      const delta = step ? this.raw.deltas[step - 1] : {};
-      if (delta.atoms || delta.objects) {
-        table = table.extended(delta.objects ?? [], delta.atoms ?? []);
-        const longer = new Uint8Array(table.atoms.length);
-        longer.set(facts);
-        facts = longer;
-      }
-      mark(delta.add ?? [], 1);
-      mark(delta.remove ?? [], 0);
-      for (const [label, counters] of Object.entries(delta.timers ?? {})) {
-        if (counters === null) timers.delete(label);
-        else timers.set(label, /** @type {number[]} */ (counters));
-      }
-      if (delta.busy) busy = new Map(Object.entries(delta.busy));
-      if (step && orders) orders = ordersAfter(orders, delta.orders);
-      if (step % EVERY) continue;
-      const values = { step, facts: facts.slice(), timers: new Map(timers), busy, orders };
-      this.keys.push(new State(table, values));
-    }
+    const first = State.fromSnapshot(this.task, this.raw.snapshot);
+    const values = first.values();
+    this.keys = [first];
+    this.raw.deltas.forEach((/** @type {any} */ delta, /** @type {number} */ place) => {
+      advance(values, { ...delta, step: place + 1 });
+      if (values.step % EVERY) return;
+      const { table, facts, timers } = values;
+      this.keys.push(new State(table, { ...values, facts: facts.slice(), timers: new Map(timers) }));
+    });
   }
 
   /** Return the state after a step. @param {number} step @returns {State} */
@@ -137,14 +117,6 @@ export class Reel {
   activity(seat, step) {
     return step ? this.raw.lanes[seat][step - 1] : "?";
   }
-}
-
-/** @param {import("../rules/state.js").Orders} orders @param {any[] | undefined} row */
-function ordersAfter(orders, row) {
-  if (!row) return { ...orders, time: orders.time + 1 };
-  const [time, open, arrived, score, served, expired] = row;
-  const listed = open.map((/** @type {[number, number]} */ [number, due]) => ({ number, due }));
-  return { time, open: listed, arrived, score, served, expired };
 }
 
 /**

@@ -103,38 +103,25 @@ export class State {
     table.extend(message.objects, message.atoms);
     const facts = new Uint8Array(table.atoms.length);
     mark(facts, message.facts, 1);
-    const timers = checked(task, table, new Map(message.timers));
+    const timers = new Map(message.timers);
+    for (const [label, counters] of timers) checked(table, label, counters);
     const { step } = message;
     const busy = busyOf(message);
     return new State(table, { step, facts, timers, busy, orders: orders(message) });
   }
 
+  /** Return the values, which `advance` may change. */
+  values() {
+    const { table, step, orders } = this;
+    const [facts, timers] = [this._facts.slice(), new Map(this.timers)];
+    return { table, step, facts, timers, busy: this._busy, orders };
+  }
+
   /** Return the state after a step. @param {any} delta */
   after(delta) {
-    const table = this.table.extended(delta.objects ?? [], delta.atoms ?? []);
-    const facts = new Uint8Array(table.atoms.length);
-    facts.set(this._facts);
-    mark(facts, delta.add ?? [], 1);
-    mark(facts, delta.remove ?? [], 0);
-    let { timers, _busy: busy } = this;
-    const changes = Object.entries(delta.timers ?? {});
-    if (changes.length) {
-      timers = new Map(timers);
-      for (const [label, counters] of changes) {
-        if (counters === null) timers.delete(label);
-        else timers.set(label, /** @type {number[]} */ (counters));
-      }
-      checked(this.task, table, timers);
-    }
-    if (delta.busy) busy = busyOf(delta);
-    const waited = this.orders && { ...this.orders, time: this.orders.time + 1 };
-    return new State(table, {
-      step: delta.step,
-      facts,
-      timers,
-      busy,
-      orders: waited && (orders(delta) ?? waited),
-    });
+    const values = this.values();
+    advance(values, delta);
+    return new State(values.table, values);
   }
 
   /** Objects that exist now, by type, then in the order of their names' numbers. */
@@ -239,6 +226,29 @@ export class State {
   }
 }
 
+/**
+ * Change the values of a state to those after a step.
+ * @param {ReturnType<State["values"]>} values @param {any} delta
+ */
+export function advance(values, delta) {
+  const { timers, orders: open } = values;
+  const table = values.table.extended(delta.objects ?? [], delta.atoms ?? []);
+  if (table !== values.table) {
+    const facts = new Uint8Array(table.atoms.length);
+    facts.set(values.facts);
+    Object.assign(values, { table, facts });
+  }
+  mark(values.facts, delta.add ?? [], 1);
+  mark(values.facts, delta.remove ?? [], 0);
+  for (const [label, counters] of Object.entries(delta.timers ?? {})) {
+    if (counters === null) timers.delete(label);
+    else timers.set(label, checked(table, label, counters));
+  }
+  if (delta.busy) values.busy = busyOf(delta);
+  if (open) values.orders = orders(delta) ?? { ...open, time: open.time + 1 };
+  values.step = delta.step;
+}
+
 /** @param {Uint8Array} facts @param {any[]} positions @param {0 | 1} value */
 function mark(facts, positions, value) {
   for (const position of positions) {
@@ -248,15 +258,13 @@ function mark(facts, positions, value) {
 }
 
 /**
- * Check that the effects exist and have as many counters as the task says.
- * @param {Task} task @param {Table} table @param {Map<string, number[]>} timers
+ * Return the counters of an effect, which must exist and have as many as the task says.
+ * @param {Table} table @param {string} label @param {number[]} counters
  */
-function checked(task, table, timers) {
-  for (const [label, counters] of timers) {
-    const { nodes } = effectOf(task, label, (name) => table.things.get(name)?.kind ?? name);
-    if (nodes.length !== counters.length) throw new Error(`invalid counters of ${label}`);
-  }
-  return timers;
+function checked({ task, things }, label, counters) {
+  const { nodes } = effectOf(task, label, (name) => things.get(name)?.kind ?? name);
+  if (nodes.length !== counters.length) throw new Error(`invalid counters of ${label}`);
+  return counters;
 }
 
 /** @param {any} message */
