@@ -39,13 +39,16 @@ class Closing:
         Returns:
             The file name of the closed recording, or an empty text.
         """
+        reported = set[str]()
         while True:
             try:
                 if kept and content is None:
                     content = assembled(await self.bus.read(episode))
                 return await self._finish(episode, name, content if kept else b"", kept=kept)
             except BusError as error:
-                get_logger().warning("recording not stored yet", file=name, error=str(error))
+                if (reason := str(error)) not in reported:
+                    get_logger().warning("recording not stored yet", file=name, error=reason)
+                reported.add(reason)
             except (OSError, RecordingError) as error:
                 get_logger().error("recording not closed", file=name, error=str(error))
                 return ""
