@@ -16,7 +16,7 @@ from tests.support.virtual_time import virtual
 
 
 @virtual
-async def test_recording_that_is_not_stored_yet_is_reported_once_for_each_reason(tmp_path: Path) -> None:
+async def test_each_reason_why_a_recording_is_not_stored_is_reported_once(tmp_path: Path) -> None:
     nats = SimulatedNats(random.Random(1))
     bus = nats.bus("node")
     closing = Closing(bus, Directory(bus), Folder(tmp_path))
