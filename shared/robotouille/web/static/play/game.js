@@ -41,7 +41,6 @@ export class Game {
     this.role = "player";
     /** @type {string | null} */
     this.me = null;
-    this.name = "";
     /** @type {Task | null} */
     this.task = null;
     /** @type {State | null} */
@@ -66,7 +65,6 @@ export class Game {
     this.turn = null;
     /** @type {string[]} */
     this.waitsFor = [];
-    this.spectators = 0;
     this.rematch = "";
     /** @type {Record<string, any> | null} */
     this.outcome = null;
@@ -161,7 +159,6 @@ export class Game {
     this.code = message.code;
     this.role = message.role;
     this.me = message.seat ?? null;
-    this.name = message.name ?? "";
     this.seq = Math.max(this.seq, message.seq ?? 0);
     this.resyncing = false;
     this.catchUp = message.step ?? 0;
@@ -272,7 +269,6 @@ export class Game {
     if (pause) this.pausedAt = now();
     this.pause = pause;
     this.startsAt = message.starts_in == null ? null : now() + message.starts_in;
-    this.spectators = message.spectators ?? 0;
     this.waitsFor = message.waits_for ?? [];
     if (message.rematch) this.rematch = message.rematch;
     this.emit({ type: "roster" });

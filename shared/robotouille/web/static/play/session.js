@@ -13,7 +13,7 @@ import { Chat, showSeats } from "./panel.js";
 import { nextAddress, obeyParent, tellParent } from "./parent.js";
 import { keepSeat, seatKey, seatToken } from "./storage.js";
 import { clock, text } from "./texts.js";
-import { Ticket } from "./ticket.js";
+import { newTicket } from "./ticket.js";
 
 /** @typedef {import("./connection.js").Message} Message */
 /** @typedef {import("./game.js").GameEvent} GameEvent */
@@ -57,7 +57,7 @@ export class Session {
     this.kitchen = null;
     /** @type {Hands | null} */
     this.hands = null;
-    /** @type {Ticket | null} */
+    /** @type {ReturnType<typeof newTicket> | null} */
     this.ticket = null;
     /** @type {Bubbles | null} */
     this.bubbles = null;
@@ -176,7 +176,7 @@ export class Session {
     this.kitchen = new Kitchen(canvas, task, look, this.game.me);
     this.kitchen.fit();
     this.bubbles = new Bubbles(this.kitchen, byId("bubbles"));
-    this.ticket = new Ticket(this.game, look);
+    this.ticket = newTicket(this.game, look);
     this.hands = new Hands(this.game, this.kitchen, look, {
       notify: (/** @type {string} */ words) => this.notify(words),
       signal: this.abort.signal,

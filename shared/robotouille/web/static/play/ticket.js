@@ -18,20 +18,16 @@ const URGENT = 0.3;
 // Largest number of dishes that are tried in every order.
 const MAX_ORDERED = 4;
 
-/** The ticket of a game: `update` shows a new state. */
-export class Ticket {
-  /** @param {Game} game @param {Look} look @param {HTMLElement} [root] */
-  constructor(game, look, root = byId("ticket")) {
-    root.replaceChildren();
-    const shift = Boolean(game.task?.problem.shift);
-    root.append(element("h2", {}, text(shift ? "orders" : "goal")));
-    this.content = shift ? new Orders(game, look, root) : new Dishes(game, look, root);
-    this.update();
-  }
-
-  update() {
-    this.content.update();
-  }
+/**
+ * Return the ticket of a game: `update` shows a new state.
+ * @param {Game} game @param {Look} look @param {HTMLElement} [root]
+ */
+export function newTicket(game, look, root = byId("ticket")) {
+  const shift = Boolean(game.task?.problem.shift);
+  root.replaceChildren(element("h2", {}, text(shift ? "orders" : "goal")));
+  const ticket = shift ? new Orders(game, look, root) : new Dishes(game, look, root);
+  ticket.update();
+  return ticket;
 }
 
 /** The goal's dishes. */

@@ -3,7 +3,7 @@
 import { element, setText } from "../play/dom.js";
 import { seatMark } from "../play/panel.js";
 import { clock, text } from "../play/texts.js";
-import { Ticket } from "../play/ticket.js";
+import { newTicket } from "../play/ticket.js";
 
 /** @typedef {import("./words.js").Words} Words */
 
@@ -22,7 +22,7 @@ export class Panel {
     this.ticketRoot = element("section", { class: "ticket" });
     const stepSeconds = reel.raw.clock === "realtime" ? 1 / reel.raw.rate : null;
     this.game = { task: reel.task, state: reel.state(0), step: 0, stepSeconds };
-    this.ticket = new Ticket(this.game, look, this.ticketRoot);
+    this.ticket = newTicket(this.game, look, this.ticketRoot);
     this.points = element("p", { class: "points", hidden: true });
     this.ticketRoot.append(this.points);
     this.rows = reel.task.players.map((_, seat) => {
