@@ -44,6 +44,7 @@ from robotouille_server.auth.keys import FileKeyring
 from tests.programs.audience_flood import AudienceFlood
 from tests.programs.broker_flood import BrokerFlood, flooding_broker
 from tests.programs.honest_game import HELLO, SUBPROTOCOL, HonestGame
+from tests.programs.page_flood import PageFlood
 from tests.programs.record_flood import Kind, RecordFlood
 from tests.programs.rematch_flood import RematchFlood
 from tests.programs.resume_storm import ResumeStorm
@@ -109,10 +110,11 @@ class Flood:
     players end games and ask for rematches. With `elsewhere`, its connections are remote; new
     clients are then remote too and have a token. `rooms` is the number of other episodes on the
     server. With `page`, each connection requests this page again and again; with `operator`, from
-    the operator port. With `records`, the server uses TLS with an RSA key, and the connections send
-    records of this kind. With `broker`, the flood comes from an MQTT broker of this kind, during
-    the whole measurement. With `cluster`, the connections flood another node of the server's
-    cluster, on a real NATS. `max_growth` is the limit for the server's memory.
+    the operator port. With `loads`, so many loads of the browser client begin each second. With
+    `records`, the server uses TLS with an RSA key, and the connections send records of this kind.
+    With `broker`, the flood comes from an MQTT broker of this kind, during the whole measurement.
+    With `cluster`, the connections flood another node of the server's cluster, on a real NATS.
+    `max_growth` is the limit for the server's memory.
     """
 
     what: str
@@ -128,6 +130,7 @@ class Flood:
     resumes: bool = False
     rematches: bool = False
     page: str = ""
+    loads: int = 0
     operator: bool = False
     records: Kind | None = None
     broker: BrokerFlood | None = None
@@ -227,6 +230,12 @@ FLOODS = {
         "loads of the browser client, from 60 connections",
         page=f"/play/{shared_site().version}/{BUNDLE}",
         connections=60,
+    ),
+    "loads": Flood(
+        "1,000 loads of the browser client a second, from one address",
+        loads=1000,
+        # It has up to 800 connections at once, and each takes some 40 KiB.
+        max_growth=2 * MAX_GROWTH,
     ),
     "records": Flood(
         "TLS records of one byte, from 30 connections",
@@ -378,6 +387,9 @@ def attack(name: str, port: int, code: str) -> None:
     print(READY, end="", flush=True)
     if name == "none" or flood.broker:
         time.sleep(3600)
+    if flood.loads:
+        script = f"/play/{shared_site().version}/{BUNDLE}"
+        PageFlood(port, flood.loads, ("/play", script)).run()
     if rooms is not None:
         rooms.run()
     if records is not None:
@@ -434,13 +446,17 @@ def _is_closed(held: socket.socket) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """Effect of a flood: the longest gap of each run, and the server's growth in bytes."""
+    """Effect of a flood: the longest gap of each run, and the server's growth in bytes.
+
+    `served` is the number of complete loads of the browser client in each second.
+    """
 
     name: str
     gaps: tuple[float, ...]
     growth: int
     log_bytes: int
     admitted: bool
+    served: tuple[int, ...] = ()
 
     @property
     def gap(self) -> float:
@@ -473,15 +489,16 @@ def measure(name: str, runs: int, seconds: float, *, descriptors: int = 0) -> Re
                 # It joins after the game, which is therefore on the first node.
                 port = stack.enter_context(_other_node(Path(folder), flags)).port
             before, gaps, most, admitted = process.memory_info().rss, [], 0, True
+            served: list[int] = []
             for _ in range(runs):
-                with _flooding(name, port, game.code):
+                with _flooding(name, port, game.code, served):
                     time.sleep(0.3)
                     gaps.append(game.longest_gap(seconds))
                     most = max(most, process.memory_info().rss)
                     admitted = _admitted(server, FLOODS[name].elsewhere, tls) and admitted
             game.close()
             size = server.log.stat().st_size
-            return Result(name, tuple(gaps), most - before, size, admitted)
+            return Result(name, tuple(gaps), most - before, size, admitted, tuple(served))
 
 
 @contextmanager
@@ -504,7 +521,7 @@ def _limit_descriptors(soft: int) -> None:
 
 
 @contextmanager
-def _flooding(name: str, port: int, code: str) -> Iterator[None]:
+def _flooding(name: str, port: int, code: str, served: list[int]) -> Iterator[None]:
     _limit_descriptors(0)
     command = [sys.executable, "-m", "tests.programs.floods", "--attack", name, str(port), code]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
@@ -514,6 +531,7 @@ def _flooding(name: str, port: int, code: str) -> Iterator[None]:
         yield
     finally:
         process.kill()
+        served += map(int, process.stdout.read().split())
         process.wait()
 
 
@@ -589,6 +607,7 @@ def _rows(names: list[str], runs: int, seconds: float) -> Iterator[Result]:
         print(
             f"{name:16} {result.gap * 1000:5.0f} ms   {each:30} {result.growth / 2**20:+6.1f} MiB"
             f" {result.log_bytes / 1024:5.0f} KiB  {'admitted' if result.admitted else 'REFUSED'}"
+            f"{f', {median(result.served):.0f} loads a second' if result.served else ''}"
             f"{'' if result.withstood else '   <-- exceeds the limits'}",
             flush=True,
         )
