@@ -289,6 +289,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               "The oldest without connected clients are closed.", "episode/unknown"),
         Limit("Spectators per episode", "{max_spectators}", "`join` and resuming are refused.",
               "episode/full"),
+        Limit("Absent spectators per episode, who may come back for `grace`", "{max_spectators}",
+              "The one who has been away longest must join again.", "auth/expired"),
         Limit("Spectator names in a roster", f"{MAX_SPECTATOR_NAMES}",
               "Further spectators are only counted."),
         Limit("Interval of rosters for spectator changes", f"{ROSTER_SECONDS:g} s",

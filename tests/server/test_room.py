@@ -145,6 +145,27 @@ async def test_absent_spectators_make_room_for_others(tmp_path: Path) -> None:
             assert (await eve.ask(watch, "joined"))["type"] == "joined"
 
 
+@virtual
+async def test_spectators_who_resume_and_vanish_stay_bounded(tmp_path: Path) -> None:
+    most = 3
+    async with serving(tmp_path, max_spectators=most) as server, raw(server) as ada:
+        created = await ada.ask({"type": "create", "grace": 86400.0}, "created")
+        watch = {"type": "join", "episode": created["code"], "role": "spectator"}
+        tokens = []
+        for number in range(4 * most):
+            async with raw(server, name=f"eve {number}") as eve:
+                tokens.append((await eve.ask(watch, "joined"))["resume"])
+        before = len(server.sessions.by_id)
+        for token in tokens:
+            async with raw(server, hello=False) as eve:
+                await eve.ask({**HELLO, "resume": token}, "joined")
+        await asyncio.sleep(1)
+        assert len(server.sessions.by_id) == before == 1 + most
+        # The spectators who vanished last can come back.
+        async with raw(server, hello=False) as eve:
+            assert (await eve.ask({**HELLO, "resume": tokens[-1]}, "joined"))["role"] == "spectator"
+
+
 HELLO = {"type": "hello", "protocol": 1, "name": "eve"}
 
 

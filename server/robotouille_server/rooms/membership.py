@@ -110,7 +110,6 @@ class Membership:
             raise too_many_spectators(max_spectators)
         else:
             session.players = ()
-            self._limit_away(max_spectators)
             name = self._names.choose(session.given_name)
             self._names.watch(name)
         # This comes after everything that may raise, so that a refused `join` does not change the
@@ -171,12 +170,12 @@ class Membership:
         study = session.token_id or self._labels or any(s.treatment != NO_TREATMENT for s in seats)
         return session.kind == Controller.HUMAN and not request.ready and not study
 
-    def _limit_away(self, most: int) -> None:
+    def _limit_away(self) -> None:
         """Remove the spectator who has been away longest, if too many spectators are away."""
         away = [s for s in self._broadcaster.members if not s.players and s.peer is None]
-        # Absent spectators do not count towards the limit, so without a bound of their own, a
-        # client that joins and disconnects in a loop would fill the room with sessions.
-        if len(away) >= most > 0:
+        # Absent spectators do not count towards the limit. Without a bound of their own, a client
+        # that joins or resumes and disconnects in a loop would fill the room with sessions.
+        if len(away) > self._sessions.max_spectators:
             self.vacate(min(away, key=lambda one: one.away_since))
 
     def welcome(self, session: Session, ref: int | None) -> None:
@@ -273,6 +272,7 @@ class Membership:
         """Mark a participant as absent; spectators just stop receiving messages."""
         session.away_since = now
         if not session.players:
+            self._limit_away()
             self._rosters.changed()
         self._episode.set_present(session.players, False, now)
 

@@ -310,12 +310,6 @@ class Mirror:
             check_limited_sight(session, request)
         if self.spectators_here >= max_spectators:
             raise too_many_spectators(max_spectators)
-        away = [one for one in self._members if one.peer is None]
-        # As in a room: a client that joins and disconnects in a loop must not fill the memory.
-        if len(away) >= max_spectators:
-            longest = min(away, key=lambda one: one.away_since)
-            self._remove(longest)
-            self._sessions.forget(longest)
         session.view, session.known = request.view, set(request.known)
         self._add(session)
         self._send_joined(session, request.ref)
@@ -342,6 +336,12 @@ class Mirror:
 
     def connection_lost(self, session: Session) -> None:
         session.away_since = self._loop.time()
+        away = [one for one in self._members if one.peer is None]
+        # As in a room: a client that comes and vanishes in a loop must not fill the memory.
+        if len(away) > self._sessions.max_spectators:
+            longest = min(away, key=lambda one: one.away_since)
+            self._remove(longest)
+            self._sessions.forget(longest)
 
     def readmit(self, session: Session, players: tuple[str, ...]) -> None:
         self._add(session)

@@ -37,6 +37,9 @@ class Sessions:
     A session without a connection is kept for the grace of its room. A session accepts its last
     used resume token and the next one, because the answer to the last one may have been lost.
     Earlier tokens are invalid.
+
+    Attributes:
+        max_spectators: The limit of connected spectators of an episode, and of absent ones.
     """
 
     def __init__(
@@ -53,7 +56,7 @@ class Sessions:
         self._revoked = credentials.revoked
         self._random = randomness
         self._strict = settings.require_token
-        self._max_spectators = settings.max_spectators
+        self.max_spectators = settings.max_spectators
         self._token_seconds = settings.resume_hours * 3600
         self._checked: frozenset[str] = frozenset()
         self._token_watch: asyncio.TimerHandle | None = None
@@ -156,8 +159,8 @@ class Sessions:
         check_scope(grant.only_episode, room.id, room.code, "resume")
         # A second connection that takes over a watching session does not add a spectator.
         watching = session is not None and session.peer is not None
-        if watches and not watching and room.spectators_here >= self._max_spectators:
-            raise _expired(f"the episode has {self._max_spectators} spectators already")
+        if watches and not watching and room.spectators_here >= self.max_spectators:
+            raise _expired(f"the episode has {self.max_spectators} spectators already")
 
     def resume(self, grant: ResumeGrant, room: JoinedRoom | None, role: Role) -> Session:
         """Return the session of a resume token that `judge` has accepted."""
