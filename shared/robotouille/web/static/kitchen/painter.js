@@ -113,6 +113,7 @@ export class Kitchen {
     /** @type {"" | "won" | "lost"} */
     this.outcome = "";
     this.quiet = matchMedia("(prefers-reduced-motion: reduce)");
+    this.reducedMotion = false;
     this.resized = new ResizeObserver(() => this.resizeToPage());
     this.seatColours = task.players.map((_, seat) => SEATS[seat % SEATS.length]);
     this.sprites = new Sprites(look, () => {});
@@ -154,10 +155,6 @@ export class Kitchen {
     this.outcome = !outcome ? "" : won(outcome) ? "won" : "lost";
     if (this.shown?.state !== state || this.shown.step !== step) this.changes += 1;
     this.shown = { state, step, before, seconds, at: receivedAt };
-  }
-
-  get reducedMotion() {
-    return this.quiet.matches;
   }
 
   /** Draw in the size that the canvas has on the page, until `close`. */
@@ -278,7 +275,8 @@ export class Kitchen {
     const { state, before, step, seconds, at } = this.shown;
     const [file, size] = this.coming.next().value ?? [null, 0];
     if (file) this.sprites.file(file, size);
-    const still = this.reducedMotion;
+    const still = this.quiet.matches;
+    this.reducedMotion = still;
     const passed = before ? Math.min(1, Math.max(0, (now - at) / seconds)) : 1;
     const poses = this.motion.poses(state, before, step, passed);
     if (!this.outcome) this.ended = null;
