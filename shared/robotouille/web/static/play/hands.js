@@ -244,7 +244,7 @@ export class Hands {
     // There is nothing to do here: newcomers need to know how to walk.
     if (this.game.running && !rows.length) {
       const touch = matchMedia("(pointer: coarse)").matches;
-      rows = [touch ? ["", text("howTouch")] : ["W A S D", text("keyWalk")]];
+      rows = [touch ? [text("keyClick"), text("keyClickDoes")] : ["W A S D", text("keyWalk")]];
     }
     byId("hint").replaceChildren(...rows.map(([key, does]) =>
       element("span", {}, key && element("kbd", {}, key), key && " ", does)));

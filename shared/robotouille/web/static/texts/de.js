@@ -23,7 +23,7 @@ export default {
   points: "{points} Punkte",
   watching: "Du schaust zu",
   waiting: "Warte auf {whom}",
-  waitingReady: "Warte, bis du bereit bist",
+  waitingReady: "Es geht los, wenn du bereit bist",
   more: "{count} weitere Mitspieler",
   oneMore: "einen weiteren Mitspieler",
   others: "die anderen",
