@@ -126,6 +126,27 @@ def test_plan_that_relies_on_the_team(
     assert verdict == last
 
 
+def test_rest_of_a_plan_contains_no_pauses_and_reaches_the_goal() -> None:
+    state = World("multi_agent/01@2").initial
+    found = AnytimePlanner(state.world).first(state).plan
+    assert found is not None
+    slow = Plan(tuple(joint for each in found for joint in (each, (), ())))
+    script = Script("robot1", slow, state)
+    assert script.shortened(state.step([]).state) is not None
+    first = next(iter(found))
+    script.observe([(action.player or "", action, True) for action in first])
+    start, state = state, state.step(list(first)).state
+    rest = script.shortened(state)
+    assert rest is not None
+    assert len(rest) < len(slow) / 2
+    for joint in rest:
+        state = state.step(list(joint)).state
+        script.observe([(action.player or "", action, True) for action in joint])
+    assert state.goal_reached
+    assert script.finished
+    assert script.shortened(start) is None
+
+
 @pytest.mark.parametrize(
     ("expected", "last"),
     [

@@ -111,13 +111,19 @@ def test_help_pays_next_to_two_partners() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("task", "person"),
+    ("task", "seats", "person"),
     quick_sample(
-        [(task, who) for task in ("01", "03", "07", "09") for who in ("wandering", "hoarding")], 4
+        [
+            ("06", 4, "hoarding"),
+            *((n, 3, who) for n in ("01", "03", "07", "09") for who in ("wandering", "hoarding")),
+        ],
+        5,
     ),
 )
-def test_partners_never_stand_still_while_work_is_possible(task: str, person: str) -> None:
-    report = play(Setting(f"multi_agent/{task}", 3, person, "partner", 0))
+def test_partners_never_stand_still_while_work_is_possible(
+    task: str, seats: int, person: str
+) -> None:
+    report = play(Setting(f"multi_agent/{task}", seats, person, "partner", 0))
     assert report.won
     assert not [each for each in report.stood if each.work]
 

@@ -51,6 +51,9 @@ PATIENCE = 2
 SLOW = 10
 
 
+UNUSED = 25
+"""Steps without an action of a member after which a team looks for a shorter plan in real time."""
+
 LONG = 15
 """Steps without progress after which a team that waits for a person plans again: three seconds at
 five steps a second."""
@@ -88,7 +91,8 @@ class PlanBase(NamedTuple):
 class PlanVerdict(NamedTuple):
     """The result of a check.
 
-    `keep` is false if the plan has to be replaced. The team no longer counts on the players in
+    `keep` is false if the plan has to be replaced. `unused` is true if the plan is good, but leaves
+    a member without work for long. The team no longer counts on the players in
     `without`; the seat itself is one of them if it has deviated. `way_is_free` is true if the
     others have stepped aside as the plan assumed.
     """
@@ -96,6 +100,7 @@ class PlanVerdict(NamedTuple):
     keep: bool = True
     without: frozenset[str] = frozenset()
     way_is_free: bool = False
+    unused: bool = False
 
 
 KEEP, DROP = PlanVerdict(), PlanVerdict(keep=False)
@@ -132,6 +137,7 @@ class PlanWatch:
         self._patience = PATIENCE * len(base.state.world.players)
         self._meddled = False
         self._stuck = self._blocked = 0
+        self._unused: dict[str, int] = {}
 
     @property
     def is_stuck(self) -> bool:
@@ -169,7 +175,7 @@ class PlanWatch:
         if (blocked and past.is_meddling(team)) or self._blocked > self._patience:
             return DROP
         if not self.is_stuck:
-            return KEEP
+            return PlanVerdict(unused=self._leaves_unused(past, teammates))
         # Members whose next action is possible but not taken are late; blocked ones are not to
         # blame. A bot that takes its time knows that it follows the plan.
         late = {p for p, a in due.items() if a and p not in blocked}
@@ -205,6 +211,15 @@ class PlanWatch:
     def _count_standstill(self, past: PastStep, team: Collection[str]) -> None:
         goes_on = past.has_acted(team) or past.is_running(team)
         self._stuck = 0 if goes_on else self._stuck + 1
+
+    def _leaves_unused(self, past: PastStep, teammates: Teammates) -> bool:
+        """Return whether a member of a team next to others has done nothing for some time."""
+        acted = {p for p, action, ok in past.did if ok and does_something(action)}
+        for player in teammates.team:
+            idle = player not in acted and not past.state.busy_steps(player)
+            self._unused[player] = self._unused.get(player, 0) + 1 if idle else 0
+        apart = teammates.hurried and teammates.others and len(teammates.team) > 1
+        return bool(apart) and UNUSED in self._unused.values()
 
     def _may_see_a_way(self, state: State, teammates: Teammates) -> bool:
         """Return whether a change may have opened a way, or closed the expected one."""

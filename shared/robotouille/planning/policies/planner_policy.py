@@ -157,6 +157,7 @@ class PlannerPolicy:
         self._steps_left = 0
         self._may_improve = False
         self._in_vain: dict[Situation, int] = {}
+        self._rest: Plan | None = None
         self._pursued: Aim | None = None
         self._retry = RETRY
         self._unprocessed: deque[PastStep] = deque()
@@ -256,6 +257,9 @@ class PlannerPolicy:
             self._team -= verdict.without - {self.player}
             if not verdict.keep:
                 self._drop_plan(past)
+            elif verdict.unused and self._pursued is not None:
+                rest = watch.script.shortened(self._pursued.anytime.in_model(past.state))
+                self._drop_plan(past, rest)
 
     def speak(self) -> list[Speech]:
         """Return what this seat says since the last call."""
@@ -289,8 +293,12 @@ class PlannerPolicy:
         """This seat's part of the followed plan."""
         return None if self._followed is None else self._followed.script
 
-    def _drop_plan(self, past: PastStep | None = None) -> None:
-        """Stop following the plan; the next `act` makes one from the current or a past step."""
+    def _drop_plan(self, past: PastStep | None = None, rest: Plan | None = None) -> None:
+        """Stop following the plan; the next `act` makes one from the current or a past step.
+
+        Args:
+            rest: The rest of the plan, which only a shorter plan may replace.
+        """
         # All seats of the team notice a deviation in the same step, and plan from that step. So
         # they make the same plan.
         if self._needed is None:
@@ -298,7 +306,7 @@ class PlannerPolicy:
                 self._observe_outdated(later.did)
         if past is None:
             self._unprocessed.clear()
-        self._deliberation = None
+        self._deliberation, self._rest = None, rest
         step, state = (self._step, self._state) if past is None else (past.step, past.state)
         if state is not None:
             self._needed = PlanBase(step, state, facts_about(self._outsiders, state))
@@ -438,7 +446,12 @@ class PlannerPolicy:
 
         def decide(aim: Aim) -> TeamDecision:
             return aim.planner.decide(
-                base.state, self._team, hurried=self._hurried, tried=tried, working=working
+                base.state,
+                self._team,
+                hurried=self._hurried,
+                tried=tried,
+                working=working,
+                rest=self._rest if aim is self._pursued else None,
             )
 
         aims = [self._aim(goal) for goal in self._agenda.goals(base.state)]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Collection, Mapping, Sequence
+from copy import copy
 from itertools import takewhile
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -211,6 +212,25 @@ class Script:
         """Return the remaining actions of some seats in the plan's order."""
         rows = [row for p in players for row in self._rows[p][self._done[p] :]]
         return [row.action for row in sorted(rows, key=lambda row: (row.step, row.place))]
+
+    def shortened(self, state: State) -> Plan | None:
+        """Return the rest of the plan from a state if all seats act as soon as they can.
+
+        Return None if the rest does not reach the goal.
+        """
+        script = copy(self)
+        script._done, script.astray = dict(self._done), set()
+        steps: list[tuple[GroundAction, ...]] = []
+        before = None
+        while state != before and not state.goal_reached:
+            # Actions that rely on another one of the same step come last.
+            chosen = sorted(script.joint(state).values(), key=lambda pair: pair[1])
+            before, step = state, state.step([action for action, _ in chosen])
+            state = step.state
+            done = [each.action for each in step.attempts if each.applied]
+            script.observe([(action.player or self.player, action, True) for action in done])
+            steps.append(tuple(done))
+        return Plan(tuple(steps)) if state.goal_reached else None
 
     def non_move_action(self, player: str) -> GroundAction | None:
         """Return the next action of a seat that is not a walk."""

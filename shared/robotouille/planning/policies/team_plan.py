@@ -315,6 +315,7 @@ class TeamPlanner:
         hurried: bool,
         tried: int = 0,
         working: Collection[str] = (),
+        rest: Plan | None = None,
     ) -> TeamDecision:
         """Return the decision about a plan from a state.
 
@@ -322,6 +323,7 @@ class TeamPlanner:
             hurried: True if the game continues during planning.
             tried: Number of earlier plans from this state that failed.
             working: Other participants who have done something lately.
+            rest: A plan of the team from this state, which only a shorter plan may replace.
         """
         return TeamDecision(
             self._anytime,
@@ -333,6 +335,7 @@ class TeamPlanner:
             alone=self._alone,
             # Someone who works and holds an object probably means to use it.
             expects_help=any(holds(base, player) for player in working),
+            rest=rest,
         )
 
     def effort(self, team: Collection[str], *, hurried: bool = False) -> Effort:
@@ -355,6 +358,7 @@ class TeamDecision:
         tried: int,
         alone: bool,
         expects_help: bool,
+        rest: Plan | None,
     ) -> None:
         self._anytime = anytime
         self._search = search
@@ -366,12 +370,13 @@ class TeamDecision:
         self._tried = tried
         # Another attempt from the same state must not repeat the same search.
         self._number = ATTEMPTS * tried
-        self._found: dict[tuple[State, tuple[str, ...]], SearchResult] = {}
+        self._found: dict[tuple[State, tuple[str, ...], int], SearchResult] = {}
         self._portion = Portion()
         self._cut_off = not alone and anytime.is_cut_off(base, team)
         self._spent = 0
         self._aside_untried = True
         self._expects_help = expects_help
+        self._rest = rest
 
     def plan(self, portion: Portion) -> TeamPlan:
         """Return a plan of the team's own, or a replacement.
@@ -387,6 +392,8 @@ class TeamDecision:
     def _plan(self) -> TeamPlan:
         # The reachability test is cheap; a search would spend all its expansions without finding a
         # plan.
+        if self._rest is not None:
+            return self._shorter_than(self._rest)
         found = NOT_FOUND
         if not self._cut_off:
             unburdened = self._unburdened() if self._tried % 2 else None
@@ -398,6 +405,14 @@ class TeamDecision:
         if found.unsolvable:
             return TeamPlan(Plan(()), self._base, Assumption.NOTHING, found, can_begin=False)
         return self._with_fewer() or self._way() or self._nearer()
+
+    def _shorter_than(self, rest: Plan) -> TeamPlan:
+        """Return the shortest of the rest of the last plan and some other plans."""
+        best = rest
+        for number in range(1, ATTEMPTS + 1):
+            found = self._find(self._base, self._team, number).plan
+            best = best if found is None or len(found) >= len(best) else found
+        return TeamPlan(best, self._base, Assumption.TEAM)
 
     def _unburdened(self) -> TeamPlan | None:
         """Return a plan in which the team first puts down all that it holds, or None.
@@ -514,18 +529,20 @@ class TeamDecision:
             return None
         return Plan((*steps, *plan))
 
-    def _find(self, state: State, team: tuple[str, ...]) -> SearchResult:
-        """Return a search result for some players, within the limit of the decision."""
+    def _find(self, state: State, team: tuple[str, ...], number: int = 0) -> SearchResult:
+        """Return a search result for some players, within the limit of the decision.
+
+        Each `number` gives another plan.
+        """
+        after = self._number + number
         if not self._effort.brief:
-            return self._search.best(state, team, self._effort, after=self._number)
-        found = self._found.get((state, team))
+            return self._search.best(state, team, self._effort, after=after)
+        found = self._found.get((state, team, number))
         if found is None:
             self._analyse(state)
-            found = self._search.brief(
-                state, team, self._effort, spent=self._spent, after=self._number
-            )
+            found = self._search.brief(state, team, self._effort, spent=self._spent, after=after)
             self._portion.spend(found.expansions)
-            self._found[state, team] = found
+            self._found[state, team, number] = found
         self._spent += found.expansions
         return found
 
