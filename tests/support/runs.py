@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from robotouille_evaluation.metrics.rows import PackId
+from robotouille_evaluation.metrics.rows import PackId, ResultRow
+from robotouille_evaluation.models import Model
 from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Pack
-from robotouille_evaluation.runs import AgentSpec, EpisodeJob, RunFolder, RunPlan
+from robotouille_evaluation.runs import (
+    AgentSpec,
+    EpisodeJob,
+    RunContext,
+    RunFolder,
+    RunPlan,
+    play_job,
+)
 
-__all__ = ["agent", "small_pack", "started_run"]
+__all__ = ["agent", "row_of", "small_pack", "started_run"]
 
 
 @cache
@@ -32,3 +42,15 @@ def started_run(path: Path, pack: Pack, *planned: EpisodeJob) -> RunFolder:
     id_ = PackId(name=pack.name, version=pack.version, digest=pack.digest)
     plan = RunPlan(name="r", pack=id_, pack_folder="", jobs=planned, software="0")
     return RunFolder.create(path, plan)
+
+
+def row_of(
+    folder: RunFolder,
+    pack: Pack,
+    job: EpisodeJob,
+    model: Model | None = None,
+    *,
+    clock: Callable[[], float] = lambda: 0.0,
+) -> ResultRow:
+    """Return the row of a job that is played now."""
+    return asyncio.run(play_job(job, RunContext("r", pack, folder, clock), model))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from pathlib import Path
 
 import pytest
@@ -22,8 +21,8 @@ from robotouille_evaluation.models import (
 )
 from robotouille_evaluation.models.scripted import Scripted
 from robotouille_evaluation.packs.pack import Pack
-from robotouille_evaluation.runs import AgentSpec, RunContext, plan_jobs, play_job
-from tests.support.runs import small_pack, started_run
+from robotouille_evaluation.runs import AgentSpec, plan_jobs
+from tests.support.runs import row_of, small_pack, started_run
 from tests.support.samples import quick_sample
 
 TASK = "synchronous/01_cheese_sandwich"
@@ -71,10 +70,7 @@ def in_process(folder: Path, answer: Stubborn, strategy: str) -> tuple[ResultRow
     spec = AgentSpec(name="m", kind="model", strategy=strategy, model="mock")
     (job,) = plan_jobs(pack(), [spec], pack().instances)
     model = ScriptedModel(answer)
-    playing = play_job(
-        job, RunContext("r", pack(), started_run(folder, pack(), job), lambda: 0.0), model
-    )
-    row = asyncio.run(playing)
+    row = row_of(started_run(folder, pack(), job), pack(), job, model)
     assert row.recording is not None
     return row, read_recording(folder / row.recording)
 

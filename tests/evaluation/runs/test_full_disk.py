@@ -28,15 +28,13 @@ from robotouille_evaluation.runs import (
     AgentSpec,
     EpisodeJob,
     JobOptions,
-    RunContext,
     RunFolder,
     Workers,
     plan_jobs,
-    play_job,
     run_jobs,
 )
 from robotouille_evaluation.runs.journal import append_line
-from tests.support.runs import small_pack, started_run
+from tests.support.runs import row_of, small_pack, started_run
 
 TASK = "synchronous/01_cheese_sandwich"
 MODEL = AgentSpec(name="m", kind="model", strategy="react-none", model="mock")
@@ -89,16 +87,16 @@ def test_lines_are_written_completely_or_not_at_all(tmp_path: Path) -> None:
 def test_paid_calls_are_kept_while_there_is_space(tmp_path: Path) -> None:
     whole = Counting()
     folder, (job,) = created(tmp_path / "whole")
-    wanted = asyncio.run(play_job(job, RunContext("r", pack(), folder, lambda: 0.0), whole))
+    wanted = row_of(folder, pack(), job, whole)
     folder, (job,) = created(tmp_path / "full")
     model = Counting()
     with files_of_at_most(1500):
-        row = asyncio.run(play_job(job, RunContext("r", pack(), folder, lambda: 0.0), model))
+        row = row_of(folder, pack(), job, model)
     assert row.outcome.ended_by == "error" and "cannot be written" in str(row.error)
     lines = folder.calls(job, "robot1").read_bytes()
     kept = len(lines.splitlines())
     assert lines.endswith(b"\n") and 0 < kept == model.asked - 1
-    again = asyncio.run(play_job(job, RunContext("r", pack(), folder, lambda: 0.0), model))
+    again = row_of(folder, pack(), job, model)
     assert again == wanted
     assert model.asked == whole.asked + 1, "only the answer that was not stored is asked for twice"
 
@@ -133,10 +131,7 @@ def test_damaged_journal_ends_one_episode(tmp_path: Path) -> None:
     calls = folder.calls(one, "robot1")
     calls.parent.mkdir()
     calls.write_text("what is this?\n")
-    rows = [
-        asyncio.run(play_job(job, RunContext("r", pack(), folder, lambda: 0.0), Counting()))
-        for job in (one, other)
-    ]
+    rows = [row_of(folder, pack(), job, Counting()) for job in (one, other)]
     assert "not a model call" in str(rows[0].error)
     assert rows[1].error is None
 

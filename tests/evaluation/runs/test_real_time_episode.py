@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -28,12 +27,10 @@ from robotouille_evaluation.runs import (
     EpisodeJob,
     JobOptions,
     RealTime,
-    RunContext,
     RunFolder,
     plan_jobs,
-    play_job,
 )
-from tests.support.runs import agent, small_pack, started_run
+from tests.support.runs import agent, row_of, small_pack, started_run
 from tests.support.samples import quick_sample
 
 ALONE, TEAM = "synchronous/01_cheese_sandwich", "multi_agent/01_lettuce_burger"
@@ -69,7 +66,7 @@ def job(task: str, *, by: AgentSpec = MODEL, **time: Any) -> EpisodeJob:
 def play(path: Path, played: EpisodeJob, answer: Callable[[ModelRequest], Any]) -> ResultRow:
     folder = created(path, played)
     model = ScriptedModel(answer)
-    return asyncio.run(play_job(played, RunContext("r", pack(), folder, lambda: 0.0), model))
+    return row_of(folder, pack(), played, model)
 
 
 def course(path: Path, row: ResultRow) -> Trajectory:
@@ -149,7 +146,7 @@ def test_runs_repeat_byte_for_byte(tmp_path: Path, task: str, late: str) -> None
     folder.calls(played, "robot1").parent.mkdir(parents=True, exist_ok=True)
     for kept in (tmp_path / "one").glob("calls/**/*.jsonl"):
         (folder.calls(played, "robot1").parent / kept.name).write_bytes(kept.read_bytes())
-    resumed = asyncio.run(play_job(played, RunContext("r", pack(), folder, lambda: 0.0), None))
+    resumed = row_of(folder, pack(), played)
     assert resumed == contents[0][0], "the journal answers all requests"
 
 

@@ -33,16 +33,14 @@ from robotouille_evaluation.runs import (
     EpisodeJob,
     JobOptions,
     RealTime,
-    RunContext,
     RunFolder,
     RunPlan,
     Workers,
     plan_jobs,
-    play_job,
     run_jobs,
 )
 from robotouille_evaluation.runs import job_agents as policies
-from tests.support.runs import agent, small_pack, started_run
+from tests.support.runs import agent, row_of, small_pack, started_run
 from tests.support.samples import quick_sample
 
 TASKS = ("synchronous/01_cheese_sandwich", "multi_agent/01_lettuce_burger")
@@ -60,10 +58,7 @@ def created(path: Path, planned: tuple[EpisodeJob, ...]) -> RunFolder:
 
 
 def play(folder: RunFolder, job: EpisodeJob, model: Model | None = None) -> ResultRow:
-    clock = itertools.count().__next__
-    return asyncio.run(
-        play_job(job, RunContext("r", pack(), folder, lambda: float(clock())), model)
-    )
+    return row_of(folder, pack(), job, model, clock=itertools.count(0.0).__next__)
 
 
 def planned(*agents: AgentSpec, budget: str = "own") -> tuple[EpisodeJob, ...]:

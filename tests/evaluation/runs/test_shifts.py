@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from pathlib import Path
 
 import pytest
@@ -18,11 +17,9 @@ from robotouille_evaluation.runs import (
     AgentSpec,
     JobOptions,
     RealTime,
-    RunContext,
     plan_jobs,
-    play_job,
 )
-from tests.support.runs import agent, started_run
+from tests.support.runs import agent, row_of, started_run
 from tests.support.samples import quick_sample
 
 STAND = "shifts/02_burger_stand"
@@ -41,7 +38,7 @@ def play(
     (job,) = plan_jobs(pack, [agent], pack.instances_of([name]), options)
     run = started_run(folder, pack, job)
     model = ScriptedModel(SeededAnswers(3))
-    row = asyncio.run(play_job(job, RunContext("r", pack, run, lambda: 0.0), model))
+    row = row_of(run, pack, job, model)
     assert row.error is None
     assert row.recording is not None
     return row, read_recording(folder / row.recording)

@@ -29,7 +29,7 @@ from robotouille_evaluation.runs import (
     plan_jobs,
     play_job,
 )
-from tests.support.runs import small_pack, started_run
+from tests.support.runs import row_of, small_pack, started_run
 from tests.support.samples import quick_sample
 from tests.support.team_cook import NOTHING, TeamCook
 
@@ -67,8 +67,7 @@ def team_job(control: Control, strategy: str = "react-last-reasoning-action") ->
 
 def play(path: Path, job: EpisodeJob, model: Model | None) -> tuple[ResultRow, Recording]:
     folder = RunFolder(path) if (path / "run.json").exists() else started_run(path, pack(), job)
-    clock = itertools.count().__next__
-    row = asyncio.run(play_job(job, RunContext("r", pack(), folder, lambda: float(clock())), model))
+    row = row_of(folder, pack(), job, model, clock=itertools.count(0.0).__next__)
     assert row.recording is not None
     recording = read_recording(path / row.recording)
     assert recording.verify().identical

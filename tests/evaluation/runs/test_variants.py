@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from pathlib import Path
 from typing import Any
 
@@ -23,14 +22,12 @@ from robotouille_evaluation.packs.published_checkout import read_checkout
 from robotouille_evaluation.runs import (
     AgentSpec,
     JobOptions,
-    RunContext,
     plan_jobs,
-    play_job,
 )
 from robotouille_evaluation.runs.chance import random_numbers, reversal_of
 from robotouille_evaluation.runs.job_list import Variant
 from tests.support.published import CHECKOUT, NEEDED, conversations, read
-from tests.support.runs import agent, small_pack, started_run
+from tests.support.runs import agent, row_of, small_pack, started_run
 from tests.support.samples import quick_sample
 
 ALONE, TEAM = "synchronous/02_lettuce_sandwich", "multi_agent/01_lettuce_burger"
@@ -51,7 +48,7 @@ def played(
     )
     (job,) = (each for each in planned if each.instance.startswith(task))
     run = started_run(folder, pack(), *planned)
-    row = asyncio.run(play_job(job, RunContext("r", pack(), run, lambda: 0.0), model))
+    row = row_of(run, pack(), job, model)
     assert row.error is None and row.recording is not None
     return row, read_recording(folder / row.recording)
 
@@ -182,7 +179,7 @@ def test_stochastic_experiment_draws_the_published_random_numbers(
         return str(asked[len(requests) - 1]["answer"])
 
     run = started_run(tmp_path, pack, job)
-    row = asyncio.run(play_job(job, RunContext("r", pack, run), ScriptedModel(answer)))
+    row = row_of(run, pack, job, ScriptedModel(answer))
     assert row.error is None
     texts = [message["content"] for message in recorded["messages"]]
     assert requests == [[texts[number] for number in event["messages"]] for event in asked]
