@@ -72,6 +72,8 @@ export class Game {
     /** Number of the last chat message from before this page joined. */
     this.saidBefore = 0;
     this.seq = 0;
+    /** @type {boolean | null} A declaration that could not be sent. */
+    this.unsent = null;
     /** @type {Sent | null} The action that has no answer yet. */
     this.sent = null;
     this.skipped = 0;
@@ -141,7 +143,8 @@ export class Game {
   }
 
   ready(/** @type {boolean} */ ready) {
-    this.send({ type: "ready", ready });
+    // A connection that is being lost sends nothing: `joined` repeats the declaration.
+    this.unsent = this.send({ type: "ready", ready }) ? null : ready;
   }
 
   /** Take a message of the server. @param {Message} message */
@@ -162,6 +165,7 @@ export class Game {
     this.seq = Math.max(this.seq, message.seq ?? 0);
     this.resyncing = false;
     this.catchUp = message.step ?? 0;
+    if (this.unsent !== null) this.ready(this.unsent);
     this.caughtUp();
   }
 
