@@ -258,6 +258,11 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               f"`create` is refused. Each {_size(rematches.RECORDED_BYTES)} of the ended game's "
               "recording count as one more rematch.",
               "rate/episodes"),
+        Limit("Rematches that players request of all games that are read from recordings",
+              f"{rematches.ARCHIVED_A_MINUTE:g} a minute, bursts of "
+              f"{rematches.ARCHIVED_AT_ONCE:g}",
+              "As above. After a restart, all earlier games are read from recordings.",
+              "rate/episodes"),
         Limit("Open episodes per token subject", "{max_episodes_per_owner}", CREATE,
               "rate/episodes"),
         Limit("Episodes per token subject kept open by `open_for`", "{max_reserved_per_owner}",

@@ -13,7 +13,7 @@ from robotouille.protocol import messages
 from robotouille_client import Client, Game, connect
 from robotouille_server import Server
 from robotouille_server.auth import Role
-from robotouille_server.rooms import lobby
+from robotouille_server.rooms import lobby, rematches
 from robotouille_server.rooms.rematches import (
     MAX_FINISHED,
     MAX_OPEN,
@@ -292,6 +292,26 @@ class TestRateOfRematches:
             most = int(2 * REMATCHES_AT_ONCE)
             number, _ = await rematches_in_a_row(host, await ended(host, host), most)
             assert number == most
+
+    @virtual
+    async def test_games_of_an_earlier_process_share_a_budget(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(rematches, "ARCHIVED_AT_ONCE", 2.0)
+        async with AsyncExitStack() as stack:
+            server, host = await stack.enter_async_context(with_clients(tmp_path, "host"))
+            players = []
+            for name in ("ada", "bob", "eve"):
+                token = server.tokens.mint_role(Role.PLAYER, name, seconds=86_400)
+                player = connect(server.url, name=name, token=token)
+                players.append(await stack.enter_async_context(player))
+                await (await players[-1].join((await host.create(ALONE, **RULES)).code)).act(None)
+            await restarted(stack, server, tmp_path)
+            ada, bob, eve = players
+            assert (await ada.rematch()).code
+            assert (await bob.rematch()).code
+            with pytest.raises(ProtocolError, match="too often"):
+                await eve.rematch()
 
 
 class TestEndedEpisodes:

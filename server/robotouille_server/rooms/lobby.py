@@ -248,7 +248,7 @@ class Lobby:
         if found.journal is None:
             # The episode has ended in an earlier process; the room only shows its end.
             room.suspend()
-            self._linger(room)
+            self._linger(room, archived=True)
             return room
         self._metrics.restored.inc()
         step = room.episode.step
@@ -406,8 +406,8 @@ class Lobby:
             closing.add_done_callback(partial(_name_recording, room))
         self._linger(room)
 
-    def _linger(self, room: Room) -> None:
-        self._rematches.add(room)
+    def _linger(self, room: Room, *, archived: bool = False) -> None:
+        self._rematches.add(room, archived=archived)
         # Keep the room at least for the grace period: an absent participant may return for as long
         # after the end as during the episode.
         seconds = max(LINGER_SECONDS, room.episode.rules.grace)

@@ -22,6 +22,9 @@ MAX_OPEN = 2
 REMATCHES_A_MINUTE, REMATCHES_AT_ONCE = 10.0, 40.0
 """Rematches of a game, and of its rematches, that players may request. People need a game each;
 bots that play one in a second can play forty."""
+ARCHIVED_A_MINUTE, ARCHIVED_AT_ONCE = 60.0, 256.0
+"""Rematches of all games together that are read from recordings, after a restart or because this
+process has forgotten them. Without a common limit, each old game would have a full budget again."""
 RECORDED_BYTES = 100 * 1024
 """Bytes of the ended game's recording that count as one more rematch. This bounds what players can
 write to the disk."""
@@ -114,10 +117,8 @@ class FinishedGame:
 
     def charge(self, now: float) -> None:
         """Charge a rematch; raise ProtocolError `rate/episodes` after too many."""
-        lacking = 1 - self.budget.left(now)
-        if lacking > 0:
-            seconds = math.ceil(lacking * 60 / REMATCHES_A_MINUTE)
-            message = f"this game was played again too often; try again in {seconds} s"
+        if seconds := self.budget.wait(now):
+            message = f"this game was played again too often; try again in {math.ceil(seconds)} s"
             raise ProtocolError("rate/episodes", message, "rematch")
         self.budget.owe(now, 1 + self.recorded // RECORDED_BYTES)
 
@@ -136,11 +137,20 @@ class Rematches:
         self._games: OrderedDict[str, FinishedGame] = OrderedDict()
         self._codes: dict[str, FinishedGame] = {}
         self._open: dict[Room, _OpenRematch] = {}
+        self._archived = TokenBucket(ARCHIVED_A_MINUTE / 60, now(), ARCHIVED_AT_ONCE)
 
-    def add(self, room: Room) -> None:
-        """Remember an ended game, unless nobody had a seat in it."""
+    def add(self, room: Room, *, archived: bool = False) -> None:
+        """Remember an ended game, unless nobody had a seat in it.
+
+        Args:
+            room: The room of the game.
+            archived: True if the game is read from its recording.
+        """
         before = self._open.pop(room, None)
-        budget = self._new_budget() if before is None else before.budget
+        if archived:
+            budget = self._archived
+        else:
+            budget = self._new_budget() if before is None else before.budget
         game = FinishedGame.of(room, budget)
         # An archived episode that is shown again must not replace its game, which may have a
         # rematch.

@@ -28,6 +28,10 @@ class TokenBucket:
         self._at = now
         return self._left
 
+    def wait(self, now: float) -> float:
+        """Return the seconds until the bucket holds 1."""
+        return max(0.0, 1 - self.left(now)) / self._rate
+
     def take(self, now: float, cost: float = 1) -> bool:
         """Take `cost`; return False if the bucket does not hold that much."""
         if self.left(now) < cost:
