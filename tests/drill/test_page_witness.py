@@ -139,6 +139,24 @@ def test_answered_action_that_is_sent_again_is_a_fault(witness: PageWitness, wir
     assert witness.faults == ["the page sent action 1 again, which had an answer"]
 
 
+def test_page_that_replaces_an_unanswered_action_by_itself_is_a_fault(
+    witness: PageWitness, wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Such a page does an action twice after a lost connection: the server may have the first."""
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    for seq in (1, 2):
+        witness.chose()
+        wire.act(seq)
+    wire.close()
+    now[0] += 3
+    again = Wire(witness)
+    again.act(2)
+    assert witness.faults == []
+    again.act(3)
+    assert witness.faults == ["action 3 without a choice, and action 2 has no answer"]
+
+
 def test_action_without_an_answer_is_noticed_only_while_the_server_can_answer(
     witness: PageWitness, wire: Wire, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -15,6 +15,9 @@ from tests.programs.drill.witness import rows_of
 
 __all__ = ["PageWitness"]
 
+CHOICE_SECONDS = 0.7
+"""Time after a choice in which a page sends its action."""
+
 
 class PageWitness:
     """Observer of all connections of a person's pages, on any device.
@@ -46,6 +49,7 @@ class PageWitness:
         self._socket: Any = None
         self._open: dict[int, list[str] | None] = {}
         self._last_seq = 0
+        self._chose_at = 0.0
         self._waits_since: float | None = None
         path = folder / f"{episode}-{seat}-{name}.jsonl"
         self._file = path.open("w", encoding="utf-8")
@@ -104,10 +108,22 @@ class PageWitness:
             seq, action = message["seq"], message["action"]
             if seq <= self._last_seq and seq not in self._open:
                 self.faults.append(f"the page sent action {seq} again, which had an answer")
-            self.sent += seq > self._last_seq
+            if seq > self._last_seq:
+                self.sent += 1
+                self._check_choice(seq)
             self._last_seq = max(self._last_seq, seq)
             self._open[seq] = [action["name"], *action["args"]] if action else None
             self._go_on()
+
+    def chose(self) -> None:
+        """Note that the person has just chosen an action."""
+        self._chose_at = time.monotonic()
+
+    def _check_choice(self, seq: int) -> None:
+        """Note a fault if a page replaces an unanswered action by itself: both may be done."""
+        if self._open and time.monotonic() - self._chose_at > CHOICE_SECONDS:
+            waiting = max(self._open)
+            self.faults.append(f"action {seq} without a choice, and action {waiting} has no answer")
 
     def _received(self, socket: Any, data: str | bytes) -> None:
         if socket is not self._socket:

@@ -36,7 +36,7 @@ CLOCKS = ("realtime", "lockstep", "realtime", "turn")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = ["--no-sandbox", "--headless", "--disable-gpu", "--disable-quic", "--no-first-run"]
 SIZES = ({"width": 1280, "height": 720}, {"width": 390, "height": 844})
-GLANCE_SECONDS = 0.15
+GLANCE_SECONDS = 0.03
 DELAYS = (0.0, 0.3, 0.8)
 """Seconds between the beginning of a phase and its accident."""
 CHAT_EVERY = 12
@@ -200,6 +200,7 @@ class Visitor:
             self.clicks += 1
             if self.clicks % CHAT_EVERY == 0:
                 await page.evaluate(SAY, f"{self._name} after {self.clicks} choices")
+            self._witness.chose()
             await page.evaluate(CHOOSE, self._chance.randrange(seen["choices"]))
 
     def _check(self, seen: dict[str, Any]) -> None:
