@@ -33,7 +33,6 @@ from robotouille import State, load_task, task_names
 from robotouille.domain.task import Task
 from robotouille.episode import Clock
 from robotouille.planning.policies.aside import with_others_aside
-from robotouille.planning.policies.plan_watch import facts_about
 from robotouille.planning.policies.policy import Policy, Script
 from robotouille.planning.policies.skill import SKILLS, SkilledPolicy
 from robotouille.planning.policies.standing import seat_out_of_the_way
@@ -149,14 +148,11 @@ def _kitchen(task: str, seats: int) -> Kitchen:
 
 def _blocked_steps(kitchen: Kitchen, bots: tuple[str, ...], reached: Sequence[State]) -> int:
     """Return the number of steps in which people make the goal impossible for the bots."""
-    people = [p for p in kitchen.world.players if p not in bots]
     blocked, known = 0, dict[int, bool]()
     for state in reached[:-1]:
-        # Actions of the bots seldom matter for that, and the proof takes about 10 ms.
-        about = facts_about(people, state)
-        if about not in known:
-            known[about] = kitchen.is_cut_off(state, bots)
-        blocked += known[about]
+        if state.facts not in known:
+            known[state.facts] = kitchen.is_cut_off(state, bots)
+        blocked += known[state.facts]
     return blocked
 
 
