@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections import Counter
 from collections.abc import Callable
 from itertools import pairwise
 
@@ -191,6 +192,30 @@ def test_bot_that_plans_makes_way(monkeypatch: pytest.MonkeyPatch) -> None:
     action = bench.decide()
     assert action is not None
     assert action in walks_out_of_the_way(bench.state, "robot1")
+
+
+@pytest.mark.slow
+def test_bot_at_a_blocked_hatch_does_not_take_the_same_object_again_and_again() -> None:
+    task = load_task("shifts/01@2", timing="people")
+    world = World(task)
+    seat = seat_out_of_the_way(world.initial)
+    blocker = person("at_hatch", world, seat, 0)
+    game = play_team(
+        task,
+        {seat: blocker},
+        clock=Clock.REALTIME,
+        limit=260,
+        skill=SKILLS["partner"],
+        step_rate=RATE,
+    )
+    taken = Counter(
+        str(action)
+        for did in game.steps
+        for player, action, applied in did
+        if player != seat and applied and action.name == "pick-up-item"
+    )
+    # The bot lays the object down to do other work, but nothing else is possible.
+    assert max(taken.values()) == 1
 
 
 SLOW_MACHINE = 800.0

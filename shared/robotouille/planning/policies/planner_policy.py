@@ -28,7 +28,7 @@ from robotouille.domain.rendering import NO_WORDS, Language
 from robotouille.domain.task import Timing
 from robotouille.planning.plan import Plan, SearchResult
 from robotouille.planning.policies.agenda import Agenda, Aim, OneGoal
-from robotouille.planning.policies.aside import holds, put_down
+from robotouille.planning.policies.aside import held_by, holds, put_down
 from robotouille.planning.policies.conversation import Conversation
 from robotouille.planning.policies.courtesy import Courtesy
 from robotouille.planning.policies.deliberation import Deliberation
@@ -162,6 +162,7 @@ class PlannerPolicy:
         self._retry = RETRY
         self._unprocessed: deque[PastStep] = deque()
         self._worked: deque[tuple[int, str]] = deque(maxlen=MAX_WORKED)
+        self._laid_down: tuple[list[str], int] = [], 0
         self._step = self._waited = 0
         self._courtesy = Courtesy(player, self._step_aside)
         self._drop_plan()
@@ -224,6 +225,9 @@ class PlannerPolicy:
         self._step += 1
         own = [(player, self._own(action), applied) for player, action, applied in did]
         for each, action, applied in own:
+            works = applied and each == self.player and action.destination is None
+            if works and set(self._laid_down[0]).isdisjoint(action.arguments):
+                self._laid_down = [], 0  # Other work may have opened a way.
             if applied and each not in self._team and does_something(action):
                 self._talk.allow_repetition()
                 if action.destination is None:
@@ -422,10 +426,21 @@ class PlannerPolicy:
     def _would_stand_laden(self, watch: PlanWatch, state: State) -> bool:
         """Return whether the seat would take an object to a place that another player has taken."""
         # An object in hand would keep the seat from other work.
-        aside = self._hurried and watch.assumption is Assumption.OTHERS_ASIDE
-        if not aside or holds(state, self.player):
+        if not self._hurried or holds(state, self.player):
+            return False
+        if watch.assumption is not Assumption.TEAM and self._takes_back(watch.script, state):
+            return True
+        if watch.assumption is not Assumption.OTHERS_ASIDE:
             return False
         return station_in_the_way(watch.script.errand(), state, self._outsiders) is not None
+
+    def _takes_back(self, script: Script, state: State) -> bool:
+        """Return whether the seat would take what it had to lay down, though nothing changed."""
+        laid_down, others = self._laid_down
+        action = script.non_move_action(self.player)
+        if action is None or facts_about(self._outsiders, state) != others:
+            return False
+        return not set(laid_down).isdisjoint(action.arguments)
 
     def _act_meanwhile(self, state: State) -> GroundAction | None:
         """Return an action during planning: one of the last plan, or a walk out of the way."""
@@ -582,6 +597,8 @@ class PlannerPolicy:
         if self._hurried and self._waited >= UNBURDENED:
             # The next plan begins with other work, or takes the object again.
             for action in put_down(state, self.player)[:1]:
+                others = facts_about(self._outsiders, state)
+                self._laid_down = held_by(state, self.player), others
                 return action
         walks = walks_out_of_the_way(state, self.player) if self._waited >= POLITE else []
         return self._random.choice(walks) if walks else None
