@@ -128,6 +128,8 @@ def test_hostile_path_of_a_program_is_explained(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    # Later tests would log to the captured output of this one, which is closed by then.
+    monkeypatch.setattr("robotouille_server.runtime.logs.configure_logs", lambda *_: None)
     module, *words = program.split()
     monkeypatch.setattr(sys, "argv", ["x", *(w.replace("{}", HOSTILE[kind]) for w in words)])
     with pytest.raises(SystemExit) as end:
