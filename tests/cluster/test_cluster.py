@@ -238,6 +238,28 @@ class TestLease:
             assert after == before == sorted(Bucket)
 
     @virtual
+    async def test_node_repairs_deleted_buckets_also_after_an_unexpected_answer(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        async with cluster_of(tmp_path, 1) as nodes:
+            answers = iter([ValueError("no date"), False])
+            repaired = asyncio.Event()
+
+            async def intact() -> bool:
+                answer = next(answers, True)
+                if isinstance(answer, Exception):
+                    raise answer
+                return answer
+
+            async def prepare() -> None:
+                repaired.set()
+
+            monkeypatch.setattr(nodes[0].bus, "intact", intact)
+            monkeypatch.setattr(nodes[0].bus, "prepare", prepare)
+            async with asyncio.timeout(30):
+                await repaired.wait()
+
+    @virtual
     async def test_node_whose_first_attempt_to_join_fails_watches_each_bucket_once(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:

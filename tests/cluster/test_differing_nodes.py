@@ -136,13 +136,17 @@ async def test_two_clusters_with_one_name_and_other_keys_are_named(tmp_path: Pat
 
 class TestVersions:
     @virtual
-    async def test_episodes_of_another_version_stay_with_it(self, tmp_path: Path) -> None:
-        async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
-            change(nodes, 2, release="robotouille 9.9")
-            await asyncio.sleep(2)
-            for _ in range(4):
-                await ada.create(TASK)
-            assert [len(node.rooms) for node in nodes] == [2, 2, 0]
+    async def test_nodes_of_another_version_are_named_and_get_no_episodes(
+        self, tmp_path: Path
+    ) -> None:
+        with capture_logs() as logs:
+            async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+                change(nodes, 2, release="robotouille 9.9")
+                await asyncio.sleep(2)
+                for _ in range(4):
+                    await ada.create(TASK)
+                assert [len(node.rooms) for node in nodes] == [2, 2, 0]
+                assert nodes[2].url in errors(logs, "run another version")
 
     @virtual
     async def test_nodes_of_another_protocol_are_named_and_get_no_episodes(

@@ -59,6 +59,7 @@ REPAIR_SECONDS = 5.0
 DIFFERENCES = {
     "keys": "other nodes sign tokens with other keys",
     "tasks": "other nodes have other tasks, so this node opens no new episodes there",
+    "release": "other nodes run another version, so this node opens no new episodes there",
     "protocol": "other nodes speak another version of the protocol, so clients cannot follow there",
 }
 """Log messages for facts in the reports of nodes that must be equal."""
@@ -349,6 +350,8 @@ class ClusterNode:
                     self._suspect = True
             except BusError as error:
                 get_logger().debug("the cluster's buckets not inspected", error=str(error))
+            except Exception:
+                get_logger().exception("the cluster's buckets not inspected")
             self._suspect |= bool(self._unrepaired)
 
     async def _without_bus_safely(self, error: BusError) -> None:
