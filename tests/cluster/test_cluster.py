@@ -242,12 +242,12 @@ class TestLease:
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         async with cluster_of(tmp_path, 1) as nodes:
-            answers = iter([ValueError("no date"), False])
+            answers: list[ValueError | bool] = [False, ValueError("no date")]
             repaired = asyncio.Event()
 
             async def intact() -> bool:
-                answer = next(answers, True)
-                if isinstance(answer, Exception):
+                answer = answers.pop() if answers else True
+                if isinstance(answer, ValueError):
                     raise answer
                 return answer
 
