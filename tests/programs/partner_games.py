@@ -63,7 +63,7 @@ class Setting:
 class Report:
     """Result of a game.
 
-    `planned` is the number of steps of a planned game; 0 if there is no plan. `blocked` is the
+    `planned` is the number of steps of a planned game; 0 without a plan. `blocked` is the
     number of steps in which people made the goal impossible; it is only counted in long games.
     `seconds` is the processor time of the game, without that of its measures.
     """
@@ -171,7 +171,7 @@ def _game(task: Task, others: Mapping[str, Policy], setting: Setting) -> TeamGam
 
 @cache
 def planned_length(task: str, seats: int, bots: tuple[str, ...], skill_name: str, seed: int) -> int:
-    """Return the number of steps of a planned game; 0 if there is no plan."""
+    """Return the number of steps of a planned game; 0 without a plan."""
     kitchen = _kitchen(task, seats)
     world, skill = kitchen.world, SKILLS[skill_name]
     others = [p for p in world.players if p not in bots]

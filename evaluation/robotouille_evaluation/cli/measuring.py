@@ -102,11 +102,11 @@ def _measure(folder: RunFolder, rows: Sequence[ResultRow], pack: Pack, processes
 
 
 def _summary(rows: Sequence[ResultRow], measured: int) -> str:
-    """Return a line about the measured rows and those that lack a measure."""
+    """Return a line about the rows measured now and those that lack a measure."""
     from robotouille_evaluation.metrics.outcomes import with_goal
 
     goals = with_goal(rows)
-    words = [f"{measured} of {len(rows)} episodes measured"]
+    words = [f"{measured} of {len(rows)} episodes newly measured"]
     if lost := sum(row.recording is None for row in goals):
         words.append(f"{lost} have no recording")
     if unproven := sum(not row.optimum.proven for row in goals):

@@ -72,7 +72,7 @@ def test_measures_after_a_proof_are_those_of_a_run_after_it(
     result = measure(tmp_path / "early")
     assert result.exit_code == 0, result.output
     assert result.stdout == f"{tmp_path / 'early/report/report.html'}\n"
-    assert "2 of 2 episodes measured\n" in result.stderr
+    assert "2 of 2 episodes newly measured\n" in result.stderr
     early = rows_of(tmp_path / "early")
     assert [row.pack.digest for row in early] == [row.pack.digest for row in before]
     assert [row.model_copy(update={"pack": late.pack})
@@ -85,13 +85,13 @@ def test_measures_after_a_proof_are_those_of_a_run_after_it(
 def test_results_are_kept(tmp_path: Path, toast: Path) -> None:
     play(tmp_path / "run", toast)
     first = measure(tmp_path / "run")
-    assert "2 of 2 episodes measured; 2 have no proven optimum (`robotouille pack prove`)\n" in (
-        first.stderr
+    assert first.stderr.endswith(
+        "2 of 2 episodes newly measured; 2 have no proven optimum (`robotouille pack prove`)\n"
     )
     kept = (tmp_path / "run/rows.jsonl").read_bytes()
     again = measure(tmp_path / "run")
     assert again.exit_code == 0, again.output
-    assert "0 of 2 episodes measured" in again.stderr
+    assert "0 of 2 episodes newly measured" in again.stderr
     assert (tmp_path / "run/rows.jsonl").read_bytes() == kept
     assert called("benchmark", "resume", tmp_path / "run").exit_code == 0
     assert rows_of(tmp_path / "run")[0].measures.to_go_least is not None
@@ -116,7 +116,7 @@ def test_unreadable_recording_is_named_and_the_others_are_measured(
     result = measure(tmp_path / "run")
     assert result.exit_code == 1
     assert f"{tmp_path / 'run' / broken.recording}: " in result.stderr
-    assert "1 of 2 episodes measured" in result.stderr
+    assert "1 of 2 episodes newly measured" in result.stderr
     measured = [row.measures.to_go_least is not None for row in rows_of(tmp_path / "run")]
     assert measured == [False, True]
 

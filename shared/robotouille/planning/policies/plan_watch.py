@@ -91,10 +91,10 @@ class PlanBase(NamedTuple):
 class PlanVerdict(NamedTuple):
     """The result of a check.
 
-    `keep` is false if the plan has to be replaced. `unused` is true if the plan is good, but leaves
-    a member without work for long. The team no longer counts on the players in
+    `keep` is false if the plan has to be replaced. The team no longer counts on the players in
     `without`; the seat itself is one of them if it has deviated. `way_is_free` is true if the
-    others have stepped aside as the plan assumed.
+    others have stepped aside as the plan assumed. `unused` is true if the plan is good, but leaves
+    a member without work for long.
     """
 
     keep: bool = True

@@ -162,6 +162,7 @@ class PlannerPolicy:
         self._retry = RETRY
         self._unprocessed: deque[PastStep] = deque()
         self._worked: deque[tuple[int, str]] = deque(maxlen=MAX_WORKED)
+        # Objects that were laid down while waiting, and the facts about the outsiders then.
         self._laid_down: tuple[list[str], int] = [], 0
         self._step = self._waited = 0
         self._courtesy = Courtesy(player, self._step_aside)
@@ -406,7 +407,7 @@ class PlannerPolicy:
             return not self.has_plan
         if script is None or self._waited or self._courtesy.at_work(self._step):
             return True
-        if self._watch is not None and self._would_stand_laden(self._watch, state):
+        if self._watch is not None and self._would_take_in_vain(self._watch, state):
             return True
         return script.waits(state) or (script.finished and not (self.has_plan or self._only))
 
@@ -416,15 +417,18 @@ class PlannerPolicy:
             return None
         # In lockstep all seats decide at the same time, so an action may rely on another one of
         # the same step (`act.anticipates`). Only actions of the team are certain enough for that.
-        if self._would_stand_laden(watch, state):
+        if self._would_take_in_vain(watch, state):
             return None
         if not self._lockstep or watch.assumption is Assumption.EVERYBODY:
             return watch.script.act(state)
         action, self.anticipating = watch.script.joint(state).get(self.player, (None, False))
         return action
 
-    def _would_stand_laden(self, watch: PlanWatch, state: State) -> bool:
-        """Return whether the seat would take an object to a place that another player has taken."""
+    def _would_take_in_vain(self, watch: PlanWatch, state: State) -> bool:
+        """Return whether the seat would take an object that it could not use now.
+
+        Another player stands where it is needed, or the seat has just laid it down in vain.
+        """
         # An object in hand would keep the seat from other work.
         if not self._hurried or holds(state, self.player):
             return False
@@ -448,7 +452,7 @@ class PlannerPolicy:
             return None
         watch = self._watch
         if watch is not None and not self._has_other_goals(watch, state):
-            action = None if self._would_stand_laden(watch, state) else watch.script.act(state)
+            action = None if self._would_take_in_vain(watch, state) else watch.script.act(state)
             if action is not None and not self._waits_for_others(watch, state, action):
                 return action
         # Most decisions end in the next step, for which a walk would take too long.
@@ -583,7 +587,7 @@ class PlannerPolicy:
         others = self._outsiders
         if not others or watch.script.finished:
             return False
-        if self._would_stand_laden(watch, state):
+        if self._would_take_in_vain(watch, state):
             return True
         script = watch.script
         at_work = action is not None and action.destination is None

@@ -1,1 +1,1 @@
-"""What covers the kitchen or lies below it: lobby, pauses, outcome, help, and keys."""
+"""Cards over the kitchen and the strip below it: lobby, pauses, outcome, help and keys."""

@@ -1,1 +1,1 @@
-"""The panel beside the kitchen: ticket or orders, the clock, seats and chat."""
+"""The panel next to the kitchen: ticket or orders, the clock, seats and chat."""
