@@ -117,8 +117,12 @@ unsigned: Callable[[int], int] = _compiled_unsigned() if COMPILED else int
 
 @cache
 def cache_folder(folder: Path) -> Path:
-    """Return the cache folder for a folder's compiled functions."""
+    """Return the cache folder for a folder's compiled functions.
+
+    Each installation has its own, because numba reuses no code compiled for files elsewhere.
+    """
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     # The name depends on all sources because numba inlines the functions that a function calls.
     source = b"".join(p.read_bytes() for p in sorted(folder.rglob("*.py")))
+    source += os.fsencode(folder)
     return Path(home) / "robotouille" / hashlib.blake2b(source, digest_size=8).hexdigest()

@@ -78,12 +78,14 @@ def _pack_of(folder: RunFolder, chosen: Path | None) -> Pack:
 
 def _measure(folder: RunFolder, rows: Sequence[ResultRow], pack: Pack, processes: int) -> list[str]:
     """Measure the rows, add them to the run, and return the reasons of those that failed."""
+    from robotouille.planning.kitchen.kernels import announce_compiling
     from robotouille_evaluation.cli.progress import bar_or_lines
     from robotouille_evaluation.runs.remeasure import remeasure
 
     faults: list[str] = []
     if not rows:
         return faults
+    announce_compiling()
     try:
         with folder.playing(), terminable(), bar_or_lines("episodes") as progress:
             progress(0, len(rows))

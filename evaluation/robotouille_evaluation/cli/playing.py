@@ -162,6 +162,8 @@ def play(folder: RunFolder, pack: Pack, planned: Sequence[EpisodeJob], workers: 
     # Episodes with errors are repeated; the journal answers their paid calls.
     over = {job for job, row in done.items() if row.error is None}
     left = [job for job in planned if job.id not in over]
+    if not workers.scheduler:
+        _announce_compiling(left, folder)
     with RunProgress([done[job] for job in over], len(planned)) as progress:
         try:
             asyncio.run(_run(folder, pack, left, workers, progress))
@@ -175,6 +177,15 @@ def play(folder: RunFolder, pack: Pack, planned: Sequence[EpisodeJob], workers: 
     Console(stderr=True, highlight=False).print(run_table(rows))
     tell(str(write_page(rows, folder.path / "report", figures=pack.figures)))
     _report_errors(rows, folder)
+
+
+def _announce_compiling(left: Sequence[EpisodeJob], folder: RunFolder) -> None:
+    """Print a line if worker processes will compile the planner, because they are silent."""
+    if not any(job.agent.kind == "planner" for job in left) and not folder.plan().steps_to_go:
+        return
+    from robotouille.planning.kitchen.kernels import announce_compiling
+
+    announce_compiling()
 
 
 def _report_errors(rows: Sequence[ResultRow], folder: RunFolder) -> None:

@@ -8,8 +8,11 @@ import os
 import subprocess
 import sys
 from functools import cache
+from pathlib import Path
 
 import pytest
+
+from robotouille.compiling import cache_folder
 
 TASKS = [
     "synchronous/02", "synchronous/09", "synchronous/10", "asynchronous/05", "asynchronous/06",
@@ -69,3 +72,11 @@ def test_compiled_and_plain_kernels_agree() -> None:
     compiled, plain_python = answers(True), answers(False)
     assert compiled.pop("compiled") is True
     assert compiled == {name: plain_python[name] for name in TASKS}
+
+
+def test_equal_files_of_two_installations_are_compiled_for_each(tmp_path: Path) -> None:
+    folders = tmp_path / "one", tmp_path / "other"
+    for folder in folders:
+        folder.mkdir()
+        (folder / "kernels.py").write_text("def count() -> int: ...")
+    assert cache_folder(folders[0]) != cache_folder(folders[1])

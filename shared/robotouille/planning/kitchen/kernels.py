@@ -69,7 +69,7 @@ def announce_compiling() -> None:
     A person may wait for it, also in a notebook. Processes that another one started are silent.
     """
     if to_be_compiled() and parent_process() is None:
-        words = "compiling the planner, which takes up to a minute, once for this machine"
+        words = "compiling the planner, which takes about a minute, once for this installation"
         tell(f"{words} (ROBOTOUILLE_COMPILE=0 turns this off)", err=True)
 
 
