@@ -44,10 +44,10 @@ def test_matrix_has_all_pairs_with_intervals(tmp_path: Path) -> None:
     }
     assert len(rows) == 8
     assert float(rows["scripted", "scripted", "steps"]["mean"]) == load_certificate(TASK).length
-    own = rows["scripted", "scripted", "success (%)"]
+    own = rows["scripted", "scripted", "success"]
     assert (float(own["mean"]), float(own["high"]), own["episodes"]) == (1, 1, "4")
     assert 0.5 < float(own["low"]) < 0.52  # Wilson's interval of 4 successes in 4
-    assert float(rows["scripted", "idle", "success (%)"]["mean"]) == 0
+    assert float(rows["scripted", "idle", "success"]["mean"]) == 0
     assert float(rows["idle", "idle", "steps"]["mean"]) == 30
     assert result.stdout.splitlines()[0].split() == ["success", "(%)", "scripted", "idle"]
     assert "with itself: 50 (" in result.output

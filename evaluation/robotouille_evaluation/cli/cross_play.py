@@ -83,7 +83,7 @@ def cross_play(
     names, measures = [each.name for each in population], measures_of(loaded)
 
     def show(pair: Sequence[CrossEpisode]) -> None:
-        found = ", ".join(f"{m.name} {m.text(m.estimate(pair))}" for m in measures)
+        found = ", ".join(f"{m.heading} {m.text(m.estimate(pair))}" for m in measures)
         tell(printable(f"{pair[0].first} with {pair[0].other}: {found}"), err=True)
 
     played = play_pairs(loaded, population, options.episodes, options.seed, most, show)

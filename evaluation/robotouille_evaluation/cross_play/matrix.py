@@ -42,12 +42,17 @@ class Measure:
     """A column of the tables: a value of each episode, and how to estimate and write its mean.
 
     Attributes:
-        share: True if the values are 0 and 1.
+        share: True if the values are 0 and 1. Tables show such means in per cent.
     """
 
     name: str
     value: Callable[[CrossEpisode], float]
     share: bool = False
+
+    @property
+    def heading(self) -> str:
+        """Name in tables for people, with the unit."""
+        return f"{self.name} (%)" if self.share else self.name
 
     def estimate(self, episodes: Iterable[CrossEpisode]) -> Interval | None:
         """Return the mean with its 95 % interval: Wilson's for shares, else the bootstrap's."""
@@ -66,7 +71,7 @@ class Measure:
         return f"{100 * value:.0f}" if self.share else f"{value:.1f}"
 
 
-GOAL = Measure("success (%)", lambda episode: episode.goal, share=True)
+GOAL = Measure("success", lambda episode: episode.goal, share=True)
 STEPS = Measure("steps", lambda episode: episode.steps)
 SCORE = Measure("points", lambda episode: episode.score)
 
@@ -138,7 +143,7 @@ def text_table(episodes: Sequence[CrossEpisode], names: Sequence[str], measure: 
         [first, *(measure.text(measure.estimate(pair(episodes, first, other))) for other in names)]
         for first in names
     ]
-    head = [measure.name, *names]
+    head = [measure.heading, *names]
     widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
     lines = []
     for name, *cells in (head, *rows):
