@@ -45,6 +45,7 @@ def test_documented_bot_plays_an_episode(tmp_path: Path) -> None:
         ("broken.npz", "broken.npz: not a trained policy: "),
         ("no_such:Bot", "no no_such.py in "),
         ("no.such:Bot", "no no/such.py in "),
+        ("bots.py:Curious", "bots.py is a file; give its module, without .py, as in bots:NAME"),
         ("bots:Curius", "bots.py has no 'Curius'; did you mean 'Curious'?"),
         ("bots:", "'bots:' is not MODULE:NAME, as in my_bot:MyPolicy"),
         ("../bots:Curious", "is not MODULE:NAME"),

@@ -158,6 +158,10 @@ def _import(name: str) -> Any:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
         if error.name and (name == error.name or name.startswith(f"{error.name}.")):
+            if name.endswith(".py"):
+                module = name.removesuffix(".py")
+                message = f"{name} is a file; give its module, without .py, as in {module}:NAME"
+                raise RobotouilleError(message) from None
             file = f"{name.replace('.', '/')}.py"
             raise RobotouilleError(
                 f"no {file} in {folder}, and no installed package {name}"

@@ -383,6 +383,11 @@ def _check_strategy(name: str, pack: Pack) -> None:
     experiments = {experiment.id: experiment for experiment in pack.experiments}
     if name in experiments:
         _experiment(pack, name)
+    elif name.endswith(".npz"):
+        raise RobotouilleError(
+            f"{name}: a trained policy plays only the kitchen of its training; evaluate it with "
+            f"`robotouille cross-play TASK {name}`"
+        )
     elif "/" in name:
         raise _unknown_experiment(name, pack)
     elif name in (broken := broken_agents()) and name not in OWN_STRATEGIES:

@@ -207,13 +207,15 @@ class Pack:
         return self._tasks[found[0]]
 
     def _suggestion(self, name: str) -> str:
-        """Return the end of an error that names the nearest task or those of the data set.
+        """Return the end of an error that names the nearest task, those of the data set, or others.
 
         Numbers get the whole list, because packs may number the same task differently.
         """
         dataset, _, rest = name.rpartition("/")
         near = "" if rest.isdecimal() else did_you_mean(name, self._tasks)
         listed = [task.name for task in self.tasks if task.dataset == dataset]
+        if dataset not in self.datasets and not near:
+            return f"; the pack {self.name} has tasks of {', '.join(self.datasets)}"
         return f"; {dataset} has {', '.join(listed)}" if listed and not near else near
 
     def instance(self, id_: str) -> PackInstance:

@@ -71,7 +71,8 @@ class RunFolder:
         if self._plan_file.exists():
             path = self.path
             raise RobotouilleError(
-                f"{path} already has a run; continue it with `robotouille benchmark resume {path}`"
+                f"{path} already has a run; continue it with "
+                f"`robotouille benchmark resume {path}`, or choose another folder for a new run"
             )
 
     @property

@@ -154,7 +154,8 @@ def _chosen_tasks(dataset: str, wanted: Sequence[str]) -> tuple[str, ...]:
         full = word if word.startswith(f"{dataset}/") else f"{dataset}/{word}"
         found = matching_names(full, names)
         if len(found) != 1:
-            near = did_you_mean(full, names) or f"; {dataset} has {', '.join(names)}"
+            near = "" if word.isdecimal() else did_you_mean(full, names)
+            near = near or f"; {dataset} has {', '.join(names)}"
             raise WrongArgumentError(f"{word!r} is not one task of {dataset}{near}")
         chosen += found
     return tuple(dict.fromkeys(chosen)) or tuple(names)

@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from robotouille.errors import UnknownNameError
+from robotouille.planning.kitchen import kernels
 from robotouille_evaluation.cli.benchmark import benchmark
 from robotouille_evaluation.cli.models import ModelChoice
 from robotouille_evaluation.cli.planning import agent_spec
@@ -59,9 +60,30 @@ def test_run_is_played_and_not_overwritten(tmp_path: Path) -> None:
     again = called("run", run, *MODEL)
     assert again.exit_code == 1
     assert "already has a run" in again.output
+    assert "choose another folder" in again.output
     assert {p: p.read_bytes() for p in run.rglob("*") if p.is_file()} == before
     assert called("resume", run).exit_code == 0
     assert (run / "rows.jsonl").read_bytes() == before[run / "rows.jsonl"]
+
+
+@pytest.mark.parametrize(("agent", "announced"), [("planner", True), ("random", False)])
+def test_compiling_in_other_processes_is_announced(
+    agent: str, announced: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kernels.announce_compiling.cache_clear()
+    monkeypatch.setattr(kernels, "to_be_compiled", lambda: True)
+    monkeypatch.setenv("ROBOTOUILLE_COMPILE", "0")  # for the other processes
+    words = ["--tasks", SANDWICH, "--kinds", "default", "--agents", agent]
+    result = called("run", tmp_path / "run", *words)
+    assert result.exit_code == 0, result.output
+    assert ("compiling the planner" in result.stderr) is announced
+
+
+def test_trained_policy_is_sent_to_cross_play(tmp_path: Path) -> None:
+    words = ["--tasks", SANDWICH, "--agents", "runs/burger/training_03_ippo_0.npz"]
+    result = called("run", tmp_path / "run", *words)
+    assert result.exit_code == 1
+    assert "`robotouille cross-play TASK runs/burger/training_03_ippo_0.npz`" in result.stderr
 
 
 def test_temperatures_are_players_of_their_own(tmp_path: Path) -> None:

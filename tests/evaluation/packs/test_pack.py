@@ -87,6 +87,7 @@ def test_unknown_plan_is_an_error() -> None:
     [
         (lambda: ours().task("synchronous/01_chese_sandwich"), f"did you mean '{SANDWICH}'"),
         (lambda: ours().instance(f"{SANDWICH}/defalt"), f"did you mean '{SANDWICH}/default'"),
+        (lambda: ours().task("training/03"), "the pack ours has tasks of synchronous, "),
         (lambda: ours().prompt("ReAct"), "unknown prompt 'ReAct'"),
         (lambda: ours().example_set("io"), "unknown examples 'io'"),
         (lambda: ours().experiment("IO"), "unknown experiment 'IO'"),

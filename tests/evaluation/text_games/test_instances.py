@@ -84,7 +84,7 @@ def test_wrong_name_says_what_is_wrong(name: str, why: str) -> None:
     [
         (("soups",), "expected one of 'synchronous'"),
         (("synchronous", "valid"), "expected one of 'train', 'test'"),
-        (("synchronous", "test", ["99"]), "is not one task of synchronous"),
+        (("synchronous", "test", ["99"]), "is not one task of synchronous; synchronous has "),
     ],
 )
 def test_unknown_data_set_says_what_there_is(arguments: tuple[str, ...], why: str) -> None:
