@@ -169,9 +169,10 @@ def test_a_run_too_short_for_an_episode_says_so(
     words = ["training/03@2", "--out", str(tmp_path), "--no-picture", *sizes.split()]
     assert main(words) == 0
     shown = capsys.readouterr().out
-    assert "ippo last 10 rollouts, goals: - -" in shown
+    assert "ippo last 10 rollouts, goals of each seed: - -" in shown
     assert "no episode from the task's first state ended" in shown
     assert "nan" not in shown
+    assert f"robotouille cross-play training/03@2 {tmp_path}/*.npz" in shown
 
 
 def test_a_file_in_place_of_the_results_is_named_before_the_training(

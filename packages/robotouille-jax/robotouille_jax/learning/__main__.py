@@ -26,7 +26,7 @@ ALGORITHMS = ("ippo", "mappo")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Train runs of both algorithms side by side; write curves, weights and a picture."""
+    """Train a team with IPPO, MAPPO or both; write weights, learning curves and a picture."""
     asked = _parser().parse_args(arguments)
     try:
         check_folder(asked.out)
@@ -36,6 +36,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         table = write_results(training, networks, curve, asked.out)
         if not asked.no_picture:
             draw_results(table)
+        print(f"{training.task}: results written to {asked.out}")
+        if len(training.world.players) > 1:
+            print(f"to evaluate them: robotouille cross-play {training.task} {asked.out}/*.npz")
     except RobotouilleError as error:
         print(f"robotouille-train: {error}", file=sys.stderr)
         return 2
@@ -132,8 +135,9 @@ def _parser() -> argparse.ArgumentParser:
     for field in fields(Config):
         how = field.metadata["help"]
         option(f"--{field.name}", field.default, how, type=type(field.default))
-    parser.add_argument("--seconds", type=float, help="take fewer rollouts to need at most this")
-    parser.add_argument("--no-picture", action="store_true", help="do without Matplotlib")
+    time_limit = "longest time for training, without compiling; reduces --updates to keep it"
+    parser.add_argument("--seconds", type=float, help=time_limit)
+    parser.add_argument("--no-picture", action="store_true", help="draw no learning curves")
     return parser
 
 

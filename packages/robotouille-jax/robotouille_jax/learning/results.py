@@ -66,7 +66,8 @@ def write_results(training: Training, networks: Networks, curve: Curve, out: Pat
             last = _last(values)
             missing = missing or bool(np.isnan(last).any())
             words = " ".join("-" if np.isnan(number) else f"{number:.3f}" for number in last)
-            print(f"{training.task}: {algorithm} last {LAST} rollouts, {name}: {words}")
+            title = f"{algorithm} last {LAST} rollouts, {name} of each seed"
+            print(f"{training.task}: {title}: {words}")
     if missing:
         print(
             f"-: in these rollouts of {training.config.rollout} steps, no episode from the task's "
