@@ -6,21 +6,18 @@ more than it costs the player.
 
 from __future__ import annotations
 
-import json
 import select
 import socket
 import time
 from collections.abc import Sequence
 from contextlib import suppress
 
+from tests.programs.flood_client import CHUNK, connect, message, read_until, text_after
 from tests.programs.rematch_flood import RematchPlayer
-from tests.support.fuzzing.wire import TEXT, frame, request
 
 __all__ = ["AudienceFlood"]
 
-SUBPROTOCOL = "robotouille.v1.json"
 SPECTATORS = 200
-CHUNK = 1024 * 1024
 MESSAGES_A_SECOND = 190.0
 """Slightly less than the server's limit: above it, a player would be disconnected."""
 RESYNCS_A_SECOND = 20.0
@@ -30,47 +27,24 @@ MIXED_A_SECOND, SAY_EVERY, RESYNC_EVERY = 100.0, 50, 20
 second, and actions."""
 
 
-def _message(**fields: object) -> bytes:
-    return frame(json.dumps(fields).encode(), TEXT)
-
-
-def _connect(port: int, name: str) -> socket.socket:
-    connection = socket.create_connection(("127.0.0.1", port), timeout=20)
-    hello = _message(type="hello", protocol=1, name=name, kind="bot")
-    connection.sendall(request(SUBPROTOCOL) + hello)
-    _read_until(connection, b'"welcome"')
-    return connection
-
-
-def _read_until(connection: socket.socket, mark: bytes) -> bytes:
-    data = b""
-    while mark not in data:
-        data += connection.recv(CHUNK)
-    return data
-
-
-def _text_after(data: bytes, field: str) -> str:
-    return data.split(f'"{field}":"'.encode())[1].split(b'"')[0].decode()
-
-
 def _room(port: int, name: str, task: str, view: str) -> tuple[list[socket.socket], int]:
     """Return the connections of a room, and how many of them play. Players come first."""
-    host = _connect(port, name)
-    host.sendall(_message(type="create", task=task, clock="lockstep", max_steps=1_000_000))
-    code = _text_after(_read_until(host, b'"created"'), "code")
+    host = connect(port, name)
+    host.sendall(message(type="create", task=task, clock="lockstep", max_steps=1_000_000))
+    code = text_after(read_until(host, b'"created"'), "code")
     players = [host]
-    host.sendall(_message(type="join", episode=code, view=view))
-    joined = _read_until(host, b'"roster"')
+    host.sendall(message(type="join", episode=code, view=view))
+    joined = read_until(host, b'"roster"')
     for number in range(2, 1 + joined.split(b'"roster"')[-1].count(b'"player":')):
-        players.append(_connect(port, f"{name} {number}"))
-        players[-1].sendall(_message(type="join", episode=code, view=view))
-        _read_until(players[-1], b'"roster"')
+        players.append(connect(port, f"{name} {number}"))
+        players[-1].sendall(message(type="join", episode=code, view=view))
+        read_until(players[-1], b'"roster"')
     return players + _spectators(port, name, code, view), len(players)
 
 
 def _spectators(port: int, name: str, code: str, view: str) -> list[socket.socket]:
-    watch = _message(type="join", episode=code, role="spectator", view=view)
-    spectators = [_connect(port, f"{name} w{i}") for i in range(SPECTATORS)]
+    watch = message(type="join", episode=code, role="spectator", view=view)
+    spectators = [connect(port, f"{name} w{i}") for i in range(SPECTATORS)]
     for spectator in spectators:
         spectator.sendall(watch)
     return spectators
@@ -104,10 +78,10 @@ class _Sender:
     def _message(self) -> bytes:
         mixed = self._kind == "mixed"
         if self._kind == "say" or (mixed and self._seq % SAY_EVERY == 0):
-            return _message(type="say", text="x")
+            return message(type="say", text="x")
         if self._kind == "resync" or (mixed and self._seq % RESYNC_EVERY == 1):
-            return _message(type="resync")
-        return _message(type="act", seq=self._seq, action=None)
+            return message(type="resync")
+        return message(type="act", seq=self._seq, action=None)
 
 
 class AudienceFlood:

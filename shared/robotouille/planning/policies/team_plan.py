@@ -390,11 +390,11 @@ class TeamDecision:
         return self._plan()
 
     def _plan(self) -> TeamPlan:
-        # The reachability test is cheap; a search would spend all its expansions without finding a
-        # plan.
         if self._rest is not None:
             return self._shorter_than(self._rest)
         found = NOT_FOUND
+        # The reachability test is cheap; a search would spend all its expansions without finding a
+        # plan.
         if not self._cut_off:
             unburdened = self._unburdened() if self._tried % 2 else None
             if unburdened is not None:
