@@ -6,7 +6,10 @@ import re
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from robotouille.episode import Clock
+from robotouille.episode.presence import LOBBY_SECONDS
 from robotouille.protocol import messages
 from tests.support.servers import serving
 from tests.web.visits import BROWSER_TEST, expect, get_ready, link, visiting
@@ -22,16 +25,17 @@ HIDDEN = """() => {
 """Returns the number of orders that are cut off."""
 
 
+@pytest.mark.parametrize(("grace", "minutes"), [(60, LOBBY_SECONDS / 60), (1200, 20)])
 async def test_waiting_room_shows_the_time_waited_and_when_it_closes(
-    browser: Any, tmp_path: Path
+    browser: Any, tmp_path: Path, grace: int, minutes: float
 ) -> None:
-    async with serving(tmp_path, grace=1200) as server:
+    async with serving(tmp_path, grace=grace) as server:
         room = server.lobby.create(messages.Create(task="multi_agent/01@2", clock=Clock.REALTIME))
         async with visiting(browser, link(server.port, room.code), "Ada") as page:
             cover = page.locator("#cover")
             await expect(cover).to_contain_text(re.compile(r"1 more player · 0:0[1-9] so far"))
-            await expect(cover).to_contain_text("20 minutes after the last one has left")
-            await expect(cover).to_contain_text("your seat is kept for 1200 s")
+            await expect(cover).to_contain_text(f"{minutes:g} minutes after the last one has left")
+            await expect(cover).to_contain_text(f"your seat is kept for {grace} s")
 
 
 async def test_kitchen_keeps_its_size_and_newcomers_learn_how_to_walk(
