@@ -255,7 +255,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("Rematches that players request of a game and of its rematches",
               f"{rematches.REMATCHES_A_MINUTE:g} a minute, bursts of "
               f"{rematches.REMATCHES_AT_ONCE:g}",
-              f"`create` is refused. Each {_size(rematches.RECORDED_BYTES)} of the ended game's "
+              f"`create` is refused. Each {_size(rematches.RECORDED_BYTES)} of a rematch's "
               "recording count as one more rematch.",
               "rate/episodes"),
         Limit("Rematches that players request of all games that are read from recordings",

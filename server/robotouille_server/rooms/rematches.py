@@ -26,8 +26,8 @@ ARCHIVED_A_MINUTE, ARCHIVED_AT_ONCE = 60.0, 256.0
 """Rematches of all games together that are read from recordings, after a restart or because this
 process has forgotten them. Without a common limit, each old game would have a full budget again."""
 RECORDED_BYTES = 100 * 1024
-"""Bytes of the ended game's recording that count as one more rematch. This bounds what players can
-write to the disk."""
+"""Bytes of a rematch's recording that count as one more rematch. This bounds what players can write
+to the disk."""
 ALONE = {"type", "ref", "rematch"}
 """Fields that a `create` with `rematch` may have."""
 
@@ -47,6 +47,28 @@ class Asker:
 
 
 @dataclass(slots=True)
+class Allowance:
+    """Rematches that players may still request of a game and of its rematches.
+
+    Attributes:
+        bucket: The number of rematches.
+        owed: The number that the next request pays for the recordings of ended rematches.
+    """
+
+    bucket: TokenBucket
+    owed: int = 0
+
+    def charge(self, now: float) -> None:
+        """Charge a rematch; raise ProtocolError `rate/episodes` after too many."""
+        if seconds := self.bucket.wait(now):
+            message = f"this game was played again too often; try again in {math.ceil(seconds)} s"
+            raise ProtocolError("rate/episodes", message, "rematch")
+        # People may play again at once after a long game: its recording delays later requests.
+        self.bucket.owe(now, 1 + self.owed)
+        self.owed = 0
+
+
+@dataclass(slots=True)
 class FinishedGame:
     """Ended game that can be played again.
 
@@ -57,8 +79,7 @@ class FinishedGame:
         owner: The pseudonym of the participant who opened the ended episode.
         players: The sessions and pseudonyms of all who had a seat.
         banned: The sessions and pseudonyms of all who were removed.
-        recorded: The bytes of the recording.
-        budget: The rematches that may still be requested; shared with all rematches of the game.
+        allowance: The rematches that may still be requested; shared with all rematches of the game.
         next: The id of the rematch, if one was opened. All players share one rematch.
     """
 
@@ -68,12 +89,11 @@ class FinishedGame:
     owner: str
     players: frozenset[str]
     banned: frozenset[str]
-    recorded: int
-    budget: TokenBucket
+    allowance: Allowance
     next: str = ""
 
     @classmethod
-    def of(cls, room: Room, budget: TokenBucket) -> FinishedGame:
+    def of(cls, room: Room, allowance: Allowance) -> FinishedGame:
         """Return the game of a room."""
         seats = room.episode.seats.values()
         setup = EpisodeSetup(
@@ -91,8 +111,7 @@ class FinishedGame:
             room.owner,
             frozenset(room.membership.ever_seated - {""}),
             frozenset(room.episode.record.banned),
-            room.journal.size if room.journal is not None else 0,
-            budget,
+            allowance,
         )
 
     def setup_for(self, owner: str) -> EpisodeSetup:
@@ -115,18 +134,11 @@ class FinishedGame:
             message = "you had no seat in this episode; only its players can play it again"
             raise ProtocolError("auth/episode", message, "rematch")
 
-    def charge(self, now: float) -> None:
-        """Charge a rematch; raise ProtocolError `rate/episodes` after too many."""
-        if seconds := self.budget.wait(now):
-            message = f"this game was played again too often; try again in {math.ceil(seconds)} s"
-            raise ProtocolError("rate/episodes", message, "rematch")
-        self.budget.owe(now, 1 + self.recorded // RECORDED_BYTES)
-
 
 @dataclass(frozen=True, slots=True)
 class _OpenRematch:
     asker: Asker
-    budget: TokenBucket
+    allowance: Allowance
 
 
 class Rematches:
@@ -137,7 +149,7 @@ class Rematches:
         self._games: OrderedDict[str, FinishedGame] = OrderedDict()
         self._codes: dict[str, FinishedGame] = {}
         self._open: dict[Room, _OpenRematch] = {}
-        self._archived = TokenBucket(ARCHIVED_A_MINUTE / 60, now(), ARCHIVED_AT_ONCE)
+        self._archived = self._allowance(ARCHIVED_A_MINUTE, ARCHIVED_AT_ONCE)
 
     def add(self, room: Room, *, archived: bool = False) -> None:
         """Remember an ended game, unless nobody had a seat in it.
@@ -147,11 +159,15 @@ class Rematches:
             archived: True if the game is read from its recording.
         """
         before = self._open.pop(room, None)
-        if archived:
-            budget = self._archived
+        if before is not None:
+            allowance = before.allowance
+            if not before.asker.host and room.journal is not None:
+                allowance.owed += room.journal.size // RECORDED_BYTES
+        elif archived:
+            allowance = self._archived
         else:
-            budget = self._new_budget() if before is None else before.budget
-        game = FinishedGame.of(room, budget)
+            allowance = self._allowance(REMATCHES_A_MINUTE, REMATCHES_AT_ONCE)
+        game = FinishedGame.of(room, allowance)
         # An archived episode that is shown again must not replace its game, which may have a
         # rematch.
         if not game.players or game.episode in self._games:
@@ -162,8 +178,8 @@ class Rematches:
             self._codes.pop(plain_code(oldest.code), None)
         self._games[game.episode] = self._codes[plain_code(game.code)] = game
 
-    def _new_budget(self) -> TokenBucket:
-        return TokenBucket(REMATCHES_A_MINUTE / 60, self._now(), REMATCHES_AT_ONCE)
+    def _allowance(self, a_minute: float, at_once: float) -> Allowance:
+        return Allowance(TokenBucket(a_minute / 60, self._now(), at_once))
 
     def find(self, name: str) -> FinishedGame | None:
         """Return the game with an id or code."""
@@ -181,12 +197,12 @@ class Rematches:
             message = f"{MAX_OPEN} of your rematches are open already; play or end one first"
             raise ProtocolError("rate/episodes", message, "rematch")
         if not asker.host:
-            game.charge(self._now())
+            game.allowance.charge(self._now())
 
     def opened(self, game: FinishedGame, room: Room, asker: Asker) -> None:
         """Note the room of a game's rematch."""
         game.next = room.id
-        self._open[room] = _OpenRematch(asker, game.budget)
+        self._open[room] = _OpenRematch(asker, game.allowance)
 
     def drop(self, room: Room) -> None:
         """Forget a rematch that continues in another process."""
