@@ -86,6 +86,7 @@ def test_shift_has_points() -> None:
         (["random", "random"], TASK, "name one of them: NAME=random"),
         (["a=random", "a=scripted"], TASK, "name one of them: NAME=scripted"),
         (["a=plannr"], TASK, "unknown partner 'plannr'"),
+        (["=random"], TASK, "unknown partner '=random'; did you mean 'random'?"),
         (["missing.npz"], TASK, "missing.npz: cannot be read"),
         (["scripted"], "shifts/01_sandwich_bar@2", "partner: shifts/01_sandwich_bar is a shift"),
         (["random"], "synchronous/01", "needs two seats or more"),

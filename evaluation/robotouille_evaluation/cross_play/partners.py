@@ -72,7 +72,8 @@ def partners_named(names: Sequence[str], task: Task) -> list[Partner]:
 def _name_and_kind(given: str) -> tuple[str, str]:
     name, mark, kind = given.partition("=")
     # The path of a file can contain the sign, too.
-    return (name, kind) if mark and not Path(given).is_file() else ("", given)
+    named = name and mark and not Path(given).is_file()
+    return (name, kind) if named else ("", given)
 
 
 def _partner(name: str, task: Task) -> Partner:
