@@ -77,6 +77,7 @@ PROGRAMS = [
     "robotouille_server.auth.token_cli mint host --keys={}",
     "robotouille_server.auth.token_cli revoke x --keys={}",
     "robotouille_client.window.cli --screenshot={}",
+    "robotouille_client.window.cli --tasks={}",
     "robotouille_client.bots.cli --episode=x -- {}",
     "robotouille_client.bots.cli scripted --episode=x --plan={}",
     "robotouille_client.loadtest.cli --json={}",

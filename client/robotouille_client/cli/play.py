@@ -20,6 +20,7 @@ from robotouille_client.console import (
     RenderingOption,
     check_look,
     failing,
+    folder,
     interruptible,
 )
 
@@ -66,8 +67,9 @@ class PlayOptions:
     tasks: Annotated[
         Path | None,
         typer.Option(
+            callback=folder,
             help="Folder of your own kitchens, with the pictures for their replays. Default: the "
-            "folder of TASK."
+            "folder of TASK.",
         ),
     ] = None
 

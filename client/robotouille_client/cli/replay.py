@@ -35,6 +35,7 @@ from robotouille_client.console import (
     explain,
     fail,
     failing,
+    folder,
     terminable,
 )
 
@@ -62,7 +63,8 @@ class LookOptions:
     tasks: Annotated[
         Path | None,
         typer.Option(
-            help="Folder of the task's files, with its pictures. Default: the current folder."
+            callback=folder,
+            help="Folder of the task's files, with its pictures. Default: the current folder.",
         ),
     ] = None
 
@@ -71,8 +73,6 @@ class LookOptions:
         from robotouille_client.window.replay.histories.recorded_history import open_shown
 
         tasks = self.tasks
-        if tasks is not None and not tasks.is_dir():
-            raise RobotouilleError(f"--tasks {tasks}: no such folder")
         recording = open_shown(file, tasks, damaged=True)
         if tasks is not None and recording.task.folder != tasks:
             name = recording.task.domain.name

@@ -11,6 +11,7 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, NoReturn, ParamSpec
 
@@ -39,6 +40,7 @@ __all__ = [
     "fail",
     "failing",
     "finite",
+    "folder",
     "interruptible",
     "name_and_value",
     "server_url",
@@ -133,6 +135,17 @@ def finite(value: float | None) -> float | None:
     """Reject infinity and NaN as the value of an option."""
     if value is not None and not math.isfinite(value):  # `min` and `max` let NaN through.
         raise typer.BadParameter(f"{value} is not a finite number")
+    return value
+
+
+def folder(value: Path | None) -> Path | None:
+    """Reject the path of a folder that does not exist as the value of an option."""
+    try:
+        missing = value is not None and not value.is_dir()
+    except OSError as error:  # For example, a name of 300 letters.
+        raise typer.BadParameter(f"{printable(str(value))}: {error.strerror}") from None
+    if missing:
+        raise typer.BadParameter(f"no folder {printable(str(value))}")
     return value
 
 

@@ -29,6 +29,7 @@ from robotouille_client.console import (
     explain,
     failing,
     finite,
+    folder,
     interruptible,
     server_url,
     unicode,
@@ -227,7 +228,9 @@ class ClientOptions:
     ] = None
     tasks: Annotated[
         Path | None,
-        typer.Option(help="Folder of your own kitchens, whose pictures replays of them use."),
+        typer.Option(
+            callback=folder, help="Folder of your own kitchens, whose pictures replays of them use."
+        ),
     ] = None
     linger: Annotated[
         float | None,
