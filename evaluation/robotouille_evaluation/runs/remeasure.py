@@ -91,10 +91,9 @@ def remeasure(
         return
     with _workers(processes, pack, run) as pool:
         with _interrupts_blocked():
-            futures = [pool.submit(_result_elsewhere, row.model_dump_json()) for row in rows]
+            futures = [pool.submit(_result_elsewhere, row) for row in rows]
         for future in as_completed(futures):
-            text, fault = future.result()
-            yield Remeasured(ResultRow.model_validate_json(text) if text else None, fault)
+            yield future.result()
 
 
 def _result(row: ResultRow, pack: Pack, run: Path) -> Remeasured:
@@ -139,7 +138,5 @@ def _begin(pack: Pack, run: Path) -> None:
     _shared.append((pack, run))
 
 
-def _result_elsewhere(text: str) -> tuple[str, str]:
-    """Return the measured row as JSON, or an empty text and the reason for the failure."""
-    found = _result(ResultRow.model_validate_json(text), *_shared[0])
-    return "" if found.row is None else found.row.model_dump_json(), found.fault
+def _result_elsewhere(row: ResultRow) -> Remeasured:
+    return _result(row, *_shared[0])
