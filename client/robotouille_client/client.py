@@ -51,7 +51,8 @@ def _checked(kind: type[T], **fields: Any) -> T:
         near = did_you_mean(name, options) or "; docs/protocol.md lists the options"
         message = f"{kind.model_fields['type'].default} has no option {name!r}{near}"
     else:
-        message = f"{name}: {fault['msg']}, found {repr(fault['input'])[:MAX_QUOTED]}"
+        wrong = fault["msg"].removeprefix("Value error, ")
+        message = f"{name}: {wrong}, found {repr(fault['input'])[:MAX_QUOTED]}"
     raise WrongArgumentError(message)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from robotouille.errors import ProtocolError
+from robotouille.errors import ProtocolError, WrongArgumentError
 from robotouille.protocol import messages
 from robotouille.replay.recording import read_recording
 from robotouille_client import Client, Game, connect
@@ -238,7 +238,7 @@ async def test_client_library_plays_all_seats(tmp_path: Path, text: bool) -> Non
             assert [result.applied for result in results] == [True] * 3
         game.note("plan", "robot3 cuts", seat="robot3")
         game.say("hello")
-        with pytest.raises(ValueError, match="must be 'all' or a list"):
+        with pytest.raises(WrongArgumentError, match=r"^seats: must be 'all' or a list"):
             await eve.join(code, seats="robot1")
         with pytest.raises(ProtocolError, match="seats are taken"):
             await eve.join(code, seats="all")
