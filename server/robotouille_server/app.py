@@ -28,7 +28,12 @@ from robotouille_server.rooms.room_factory import Surroundings
 from robotouille_server.runtime.logs import AuditLog, get_logger
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
-from robotouille_server.transport import MAX_SURPLUS_CONNECTIONS, Admission, Newcomers
+from robotouille_server.transport import (
+    MAX_SURPLUS_CONNECTIONS,
+    SILENT_FACTOR,
+    Admission,
+    Newcomers,
+)
 
 __all__ = ["CannotListenError", "Server", "Surroundings", "serve"]
 
@@ -64,7 +69,8 @@ class Server:
         self.sessions = Sessions(settings, self.metrics, credentials, around.randomness)
         limit = settings.max_connections + MAX_SURPLUS_CONNECTIONS
         pages = HttpPages(settings, self._full, self._is_ready, self._metrics_page, self.worker)
-        newcomers = Newcomers(settings.max_connections_per_address, pages.newcomer_group)
+        per_address = settings.max_connections_per_address
+        newcomers = Newcomers(per_address, SILENT_FACTOR * per_address, pages.newcomer_group)
         self.admission = Admission(self.metrics, limit, settings.hello_seconds, newcomers)
         loop_budget = self.admission.loop_budget
         self.lobby = Lobby(settings, self.metrics, self.sessions, loop_budget, around)
@@ -78,7 +84,7 @@ class Server:
             sessions=self.sessions,
             tokens=credentials.tokens,
             used_tokens=credentials.used,
-            connection_limiter=ConnectionLimiter(settings.max_connections_per_address),
+            connection_limiter=ConnectionLimiter(per_address),
             code_guesses=CodeGuessLimiter(),
             loop_budget=loop_budget,
             shutdown=self.shutdown,

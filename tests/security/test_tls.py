@@ -22,6 +22,7 @@ from websockets.asyncio.server import ServerConnection, serve
 from robotouille_client import Client
 from robotouille_client.errors import ConnectionFailedError
 from robotouille_server.cli import _greeting, first_room
+from robotouille_server.transport.admission import FAIR_SECONDS, HANDSHAKES_AT_ONCE
 from robotouille_server.transport.connection import Connection
 from robotouille_server.transport.tls import (
     MAX_PEM_BYTES,
@@ -217,6 +218,21 @@ async def test_aborted_handshakes_leave_no_error(pair: Pair, tmp_path: Path) -> 
         gc.collect()
         await asyncio.sleep(0.1)
     assert not failures
+
+
+@virtual
+async def test_silent_connections_do_not_delay_handshakes(pair: Pair, tmp_path: Path) -> None:
+    async with serving(tmp_path, tls_cert=pair.cert, tls_key=pair.key) as server:
+        silent = [
+            await asyncio.open_connection("127.0.0.1", server.port)
+            for _ in range(HANDSHAKES_AT_ONCE)
+        ]
+        await asyncio.sleep(0.1)
+        begun = asyncio.get_running_loop().time()
+        assert await serial_now(server.url, pair)
+        assert asyncio.get_running_loop().time() - begun < FAIR_SECONDS / 2
+        for _, writer in silent:
+            writer.transport.abort()
 
 
 @virtual

@@ -207,18 +207,33 @@ class Caller:
 @virtual
 async def test_silent_connections_of_one_address_replace_each_other() -> None:
     groups = {"": "", "a": "a", "b": "b"}
-    admission = Admission(Metrics(), 100, SECONDS, Newcomers(2, lambda peer: groups[str(peer)]))
+    newcomers = Newcomers(1, 2, lambda peer: groups[str(peer)])
+    admission = Admission(Metrics(), 100, SECONDS, newcomers)
     here, strangers, other = [Caller() for _ in range(5)], [Caller() for _ in range(4)], Caller()
     for peer, callers in (("", here), ("a", strangers), ("b", [other])):
         for caller in callers:
-            admission.enter(caller, peer)
+            admission.enter(caller, peer, heard=False)
     assert [caller.closed for caller in strangers] == [True, True, False, False]
     assert not any(caller.closed for caller in (*here, other))
     admission.newcomers.leave(strangers[2])
     admission.newcomers.leave(strangers[2])
-    admission.enter(Caller(), "a")
+    admission.enter(Caller(), "a", heard=False)
     assert not strangers[3].closed
     assert admission.metrics.dropped.labels("displaced")._value.get() == 2
+
+
+@virtual
+async def test_silent_connections_do_not_replace_one_that_has_sent_data() -> None:
+    admission = Admission(Metrics(), 100, SECONDS, Newcomers(1, 2, str))
+    victim = Caller()
+    admission.enter(victim, "a", heard=False)
+    admission.enter(victim, "a", heard=True)
+    for _ in range(10):
+        admission.enter(Caller(), "a", heard=False)
+    assert not victim.closed
+    assert len(admission.newcomers) == 3
+    admission.enter(Caller(), "a", heard=True)
+    assert victim.closed
 
 
 @virtual

@@ -24,7 +24,7 @@ from websockets.datastructures import Headers
 from robotouille_server.auth import visitor
 from robotouille_server.operator.principal import RequestRefusedError
 from robotouille_server.transport import LoopBudget
-from robotouille_server.transport.tls_records import start_metered_tls
+from robotouille_server.transport.tls_records import ClientHello, start_metered_tls
 
 REQUEST_SECONDS = 10.0
 """Time limit for a TLS handshake, for a request's head and for its body."""
@@ -262,7 +262,9 @@ class OperatorConnection(asyncio.Protocol):
         encrypted = None
         # Strangers can cause failed handshakes at will, so these are not logged.
         try:
-            encrypted = await start_metered_tls(raw, self, tls, self._budget, REQUEST_SECONDS)
+            encrypted = await start_metered_tls(
+                ClientHello(raw), self, tls, self._budget, REQUEST_SECONDS
+            )
         except OSError as error:
             error.__traceback__ = None  # As in `Handshakes.make`: a cycle would keep the TLS.
         if encrypted is None or raw.is_closing():

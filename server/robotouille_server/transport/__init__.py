@@ -2,6 +2,7 @@
 
 from robotouille_server.transport.admission import (
     MAX_SURPLUS_CONNECTIONS,
+    SILENT_FACTOR,
     Admission,
     Newcomers,
 )
@@ -13,6 +14,7 @@ from robotouille_server.transport.tls import ServerTLS
 __all__ = [
     "MAX_HELD",
     "MAX_SURPLUS_CONNECTIONS",
+    "SILENT_FACTOR",
     "Admission",
     "Connection",
     "LoopBudget",

@@ -10,8 +10,12 @@ from typing import Protocol
 
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.transport.loop_budget import LoopBudget
-from robotouille_server.transport.tls_records import start_metered_tls
+from robotouille_server.transport.tls_records import ClientHello, start_metered_tls
 
+SILENT_FACTOR = 8
+"""Limit of connections without a byte, as a multiple of that of other connections of an address.
+They need little memory: a client's address is shared by strangers, who must not displace the client
+within its round trip."""
 HANDSHAKES_AT_ONCE = 64
 """Concurrent handshakes. Each takes a quarter of a megabyte, used or not."""
 MAX_SURPLUS_CONNECTIONS = 1000
@@ -37,7 +41,7 @@ class Handshakes:
 
     async def make(
         self,
-        raw: asyncio.Transport,
+        client: ClientHello,
         protocol: asyncio.BaseProtocol,
         tls: ssl.SSLContext,
         seconds: float,
@@ -45,17 +49,18 @@ class Handshakes:
         """Return the encrypted transport; None if the handshake fails or takes too long.
 
         Args:
-            raw: The transport of the socket, whose reading must be paused.
+            client: The transport of the socket, and the handshake's first bytes.
             protocol: Receives data that arrives together with the end of the handshake.
             seconds: Time limit.
         """
+        raw = client.raw
         self._all[raw] = None
         try:
             # The limit includes the time in the queue, so that waiting clients do not accumulate.
             async with asyncio.timeout(seconds):
                 await self._slot()
                 self._running[raw] = self._loop.time()
-                return await start_metered_tls(raw, protocol, tls, self._budget, seconds)
+                return await start_metered_tls(client, protocol, tls, self._budget, seconds)
         except (OSError, TimeoutError) as error:  # The client's fault. Logging would fill the log.
             # The traceback refers to the future in `start_tls`, and the future to the error. Such
             # cycles would keep the TLS of failed handshakes until a garbage collection.
@@ -120,31 +125,39 @@ class Newcomer(Protocol):
 class Newcomers:
     """Connections that have not completed their handshake; few of each address.
 
-    One more than `limit` replaces the oldest, so connections that send nothing do not lock out
-    newcomers.
+    One more than the limit replaces the oldest, so connections that send nothing do not lock out
+    newcomers. Connections that have sent nothing have a limit of their own. Opening one costs
+    almost nothing, so they never replace those that have sent data.
 
     Args:
-        limit: The maximum number of connections of a group.
+        limit: The maximum number of connections of a group that have sent data.
+        silent_limit: The maximum number of connections of a group that have sent nothing.
         group_of: Returns the group of a peer name; an empty one is not limited.
     """
 
-    def __init__(self, limit: int, group_of: Callable[[object], str]) -> None:
-        self._limit = limit
+    def __init__(self, limit: int, silent_limit: int, group_of: Callable[[object], str]) -> None:
+        self._limits = {True: limit, False: silent_limit}
         self._group_of = group_of
-        self._groups: dict[Newcomer, str] = {}
-        self._members: dict[str, dict[Newcomer, None]] = {}
+        self._groups: dict[Newcomer, tuple[str, bool]] = {}
+        self._members: dict[tuple[str, bool], dict[Newcomer, None]] = {}
 
     def __len__(self) -> int:
         return len(self._groups)
 
-    def enter(self, one: Newcomer, peer: object) -> Newcomer | None:
-        """Add a connection; return the one that it replaces, which must be closed."""
-        group = self._groups[one] = self._group_of(peer)
-        if not group:
+    def enter(self, one: Newcomer, peer: object, *, heard: bool) -> Newcomer | None:
+        """Add a connection; return the one that it replaces, which must be closed.
+
+        Args:
+            heard: True if the connection has sent data. A connection enters again when it has.
+        """
+        self.leave(one)
+        name = self._group_of(peer)
+        group = self._groups[one] = (name, heard)
+        if not name:
             return None
         members = self._members.setdefault(group, {})
         members[one] = None
-        if len(members) <= self._limit:
+        if len(members) <= self._limits[heard]:
             return None
         oldest = next(iter(members))
         self.leave(oldest)
@@ -152,8 +165,9 @@ class Newcomers:
 
     def leave(self, one: Newcomer) -> None:
         """Remove a connection, if it is still there."""
-        group = self._groups.pop(one, "")
-        if members := self._members.get(group):
+        group = self._groups.pop(one, None)
+        members = self._members.get(group) if group is not None else None
+        if group is not None and members:
             members.pop(one, None)
             if not members:
                 del self._members[group]
@@ -170,8 +184,8 @@ class Admission:
     Attributes:
         limit: The maximum number of connections.
         tls: The TLS context, if the server uses TLS.
-        opening_seconds: The seconds that a client has for its TLS handshake, and again for its
-            request.
+        opening_seconds: The seconds that a client has for its first byte, again for its TLS
+            handshake, and again for its request.
         newcomers: The connections that have not completed their handshake yet.
         admitted: The number of connections.
     """
@@ -199,9 +213,9 @@ class Admission:
         self.admitted += 1
         return True
 
-    def enter(self, one: Newcomer, peer: object) -> None:
-        """Add a connection that has not completed its handshake."""
-        displaced = self.newcomers.enter(one, peer)
+    def enter(self, one: Newcomer, peer: object, *, heard: bool) -> None:
+        """Add a connection that has not completed its handshake; see `Newcomers.enter`."""
+        displaced = self.newcomers.enter(one, peer, heard=heard)
         if displaced is not None:
             self.metrics.dropped.labels("displaced").inc()
             displaced.abort()

@@ -44,6 +44,7 @@ from robotouille_server.runtime.process_limits import few_left
 from robotouille_server.runtime.timer_queue import LATE
 from robotouille_server.transport.admission import Admission
 from robotouille_server.transport.loop_budget import TURN_SECONDS
+from robotouille_server.transport.tls_records import ClientHello
 
 MAX_OWN = 2 * MAX_CLIENT_BYTES
 """Maximum size of a frame; larger messages are answered by an error."""
@@ -205,7 +206,7 @@ class Connection(BufferedReader):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self.transport = cast("asyncio.Transport", transport)
-        self._admission.enter(self, self.remote_address)
+        self._admission.enter(self, self.remote_address, heard=True)
         self._set_timer(self._admission.opening_seconds, self.abort)
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -549,7 +550,8 @@ class PendingConnection(BufferedReader):
     """Protocol that becomes a `Connection` with the first byte."""
 
     __slots__ = (
-        "_admission", "_admitted", "_early", "_encrypting", "_handler", "_timer", "_transport",
+        "_admission", "_admitted", "_early", "_encrypting", "_handler", "_timer", "_tls",
+        "_transport",
     )  # fmt: skip
 
     def __init__(self, handler: Handler, admission: Admission) -> None:
@@ -557,6 +559,7 @@ class PendingConnection(BufferedReader):
         self._admission = admission
         self._admitted = False
         self._transport: asyncio.Transport | None = None
+        self._tls: ssl.SSLContext | None = None
         self._early = b""
         self._encrypting: asyncio.Task[None] | None = None
         self._timer: asyncio.TimerHandle | None = None
@@ -574,18 +577,30 @@ class PendingConnection(BufferedReader):
             raw.abort()
             return
         self._transport = raw
-        admission.enter(self, raw.get_extra_info("peername"))
-        if admission.tls is None:
-            self._wait(raw)
-        else:
-            raw.pause_reading()  # `start_tls` must receive the first byte of the handshake.
-            loop = asyncio.get_running_loop()
-            self._encrypting = loop.create_task(self._encrypt(raw, admission.tls))
+        self._tls = admission.tls
+        admission.enter(self, raw.get_extra_info("peername"), heard=False)
+        self._wait(raw)
 
-    async def _encrypt(self, raw: asyncio.Transport, tls: ssl.SSLContext) -> None:
+    def get_buffer(self, sizehint: int) -> memoryview:
+        # One byte shows that the client has begun its handshake. The rest stays in the kernel's
+        # buffers, because the client may wait for its turn.
+        return READ_BUFFER if self._tls is None else READ_BUFFER[:1]
+
+    def _begin_tls(self, raw: asyncio.Transport, tls: ssl.SSLContext, first: bytes) -> None:
+        # Silent connections take no turn of a handshake, so they do not delay others.
+        self._tls = None
+        self._stop_timer()
+        raw.pause_reading()
+        self._admission.enter(self, raw.get_extra_info("peername"), heard=True)
+        loop = asyncio.get_running_loop()
+        self._encrypting = loop.create_task(self._encrypt(raw, tls, first))
+
+    async def _encrypt(self, raw: asyncio.Transport, tls: ssl.SSLContext, first: bytes) -> None:
         encrypted, admission = None, self._admission
         try:
-            encrypted = await admission.handshakes.make(raw, self, tls, admission.opening_seconds)
+            encrypted = await admission.handshakes.make(
+                ClientHello(raw, first), self, tls, admission.opening_seconds
+            )
         finally:
             self._encrypting = None
             if encrypted is None:
@@ -612,7 +627,10 @@ class PendingConnection(BufferedReader):
             self._transport.abort()
 
     def data_received(self, data: bytes) -> None:
-        if self._encrypting is None:
+        if self._tls is not None:
+            if self._transport is not None:
+                self._begin_tls(self._transport, self._tls, data)
+        elif self._encrypting is None:
             self._go_on(data)
         # The buffer is limited, because a client may send anything until the handshake is reported.
         elif len(self._early) + len(data) <= MAX_REQUEST:
@@ -644,6 +662,9 @@ class PendingConnection(BufferedReader):
     def _forget(self) -> None:
         self._admission.newcomers.leave(self)
         self._transport = None
+        self._stop_timer()
+
+    def _stop_timer(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

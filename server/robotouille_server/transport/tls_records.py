@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import ssl
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 from robotouille_server.transport.loop_budget import LoopBudget
 
@@ -32,8 +32,20 @@ ENCRYPTED_BUFFER = memoryview(bytearray(2 * BYTES_AT_A_TIME))
 """Buffer that all encrypted sockets are read into, one after the other."""
 
 
+class ClientHello(NamedTuple):
+    """Beginning of a client's TLS handshake.
+
+    Attributes:
+        raw: The transport of the socket. Its reading must be paused.
+        first: The bytes that have been read already.
+    """
+
+    raw: asyncio.Transport
+    first: bytes = b""
+
+
 async def start_metered_tls(
-    raw: asyncio.Transport,
+    client: ClientHello,
     protocol: asyncio.BaseProtocol,
     context: ssl.SSLContext,
     budget: LoopBudget,
@@ -42,7 +54,7 @@ async def start_metered_tls(
     """Make the server's part of a TLS handshake, and return the encrypted transport.
 
     Args:
-        raw: The transport of the socket. Its reading must be paused.
+        client: The transport of the socket, and the handshake's first bytes.
         protocol: Receives data, which may arrive before this function returns.
         budget: Charged for all records, during and after the handshake.
         seconds: Time limit.
@@ -51,7 +63,11 @@ async def start_metered_tls(
         OSError: The handshake failed, or took too long.
     """
     encrypted = await asyncio.get_running_loop().start_tls(
-        RecordMeter(raw, budget), protocol, context, server_side=True, ssl_handshake_timeout=seconds
+        RecordMeter(client.raw, budget, received=client.first),
+        protocol,
+        context,
+        server_side=True,
+        ssl_handshake_timeout=seconds,
     )
     if encrypted is None:  # The connection was aborted; asyncio reports no error then.
         raise ConnectionAbortedError("the connection was aborted in the handshake")
@@ -69,20 +85,25 @@ class RecordMeter(asyncio.Transport, asyncio.BufferedProtocol):
         raw: The transport of the socket. Its reading must be paused.
         budget: Charged for each record.
         max_handshake: Size of all records of handshakes, above which the connection is aborted.
+        received: Bytes that have been read from the socket already.
     """
 
     # The event loop and its TLS use this attribute and `_force_close` of any transport below TLS.
     _start_tls_compatible = True
 
     def __init__(
-        self, raw: asyncio.Transport, budget: LoopBudget, max_handshake: float = MAX_HANDSHAKE_BYTES
+        self,
+        raw: asyncio.Transport,
+        budget: LoopBudget,
+        max_handshake: float = MAX_HANDSHAKE_BYTES,
+        received: bytes = b"",
     ) -> None:
         super().__init__()
         self._max_handshake = max_handshake
         self._raw = raw
         self._budget = budget
         self._protocol: asyncio.BufferedProtocol | None = None
-        self._received = bytearray()
+        self._received = bytearray(received)
         self._handshake_bytes = 0
         self._at_end = False
         # Three reasons to hold records back: TLS takes no more, the client does not read, and
