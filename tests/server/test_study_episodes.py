@@ -152,6 +152,49 @@ async def test_disguised_bot_is_not_revealed(tmp_path: Path) -> None:
     assert recording.participants["robot2"] == ("bea", "bot")
 
 
+@pytest.mark.parametrize("partner", [None, "human"])
+@virtual
+async def test_team_talk_does_not_reveal_a_disguised_bot(
+    tmp_path: Path, partner: str | None
+) -> None:
+    """The partner claims to be a bot in `hello`, which anyone can do."""
+    treatments = {"robot1": {"shown_as": partner}, "robot2": {"shown_as": "human"}}
+    async with serving(tmp_path) as server, opened(server) as lab:
+        await host(lab, mint_token(server, Role.HOST))
+        code = (await lab.ask({**CREATE, "treatments": treatments}, "created"))["code"]
+        async with opened(server, **FORWARDED) as bob:
+            await hello(bob, name="bea", kind="bot")
+            async with opened(server, **FORWARDED) as ada:
+                await hello(ada, kind="bot")
+                joined = await ada.ask({"type": "join", "episode": code}, "joined")
+                await bob.ask({"type": "join", "episode": code}, "joined")
+                note = {"type": "note", "topic": "team", "text": "planner 2"}
+                await bob.send(note)
+                assert (await bob.expect("told"))["seat"] == "robot2"
+                await bob.send({"type": "say", "text": "hi"})
+                assert "told" not in await types_until(ada, "said")
+            # The texts that a bot has missed are sent to it when it comes back.
+            await bob.send(note)
+            await bob.expect("told")
+            await bob.send({"type": "say", "text": "there?"})
+            await bob.expect("said")
+            async with opened(server, **FORWARDED) as ada:
+                seen = {"episode": joined["episode"], "step": 0, "said": 1}
+                resumed = {"type": "hello", "protocol": 1, "name": "ada"}
+                await ada.ask({**resumed, "resume": joined["resume"], "seen": seen}, "welcome")
+                await bob.send({"type": "say", "text": "again"})
+                received = await types_until(ada, "said") + await types_until(ada, "said")
+                assert "told" not in received
+
+
+async def types_until(client: Raw, last: str) -> list[str]:
+    """Return the types of the messages up to the next one of the type `last`."""
+    types: list[str] = []
+    while last not in types:
+        types.append((await client.receive())["type"])
+    return types
+
+
 @pytest.mark.slow
 @virtual
 async def test_many_creates_are_paced_up_to_the_limit(tmp_path: Path) -> None:

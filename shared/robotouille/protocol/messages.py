@@ -818,7 +818,10 @@ class Said(FromServer):
 
 
 class Told(FromServer):
-    """A bot's note with the topic `team`. Only bots receive it, its sender included."""
+    """A bot's note with the topic `team`. Only bots receive it, the sender included.
+
+    If the sender's seat is shown as another kind, only the sender receives it.
+    """
 
     type: Literal["told"] = "told"
     seat: str = Field(description="The sender's seat.")

@@ -256,10 +256,9 @@ class Broadcaster:
         for time, notice in self._notices:
             if time >= session.away_since > 0:
                 peer.send(notice)
-        if session.players and session.kind == Controller.BOT:
-            for time, told in self._told:
-                if time >= session.away_since > 0:
-                    peer.send(told)
+        for time, told in self._told:
+            if time >= session.away_since > 0 and self._may_hear(session, told):
+                peer.send(told)
         peer.send(self._shown(self.roster(), session))
 
     def _send_joined(self, session: Session, ref: int | None, resume: str) -> None:
@@ -419,9 +418,10 @@ class Broadcaster:
         self.send_all(said)
 
     def publish_told(self, event: Noted) -> None:
-        """Send a bot's text for its team to all bots, its own included.
+        """Send a bot's text for its team to all bots, the sender included.
 
-        Only a version is sent, a few times, so that nobody can use it as a hidden chat.
+        If the sender is disguised, only the sender receives it. Only a version is sent, a few
+        times, so that nobody can use it as a hidden chat.
         """
         sender = self.holder(event.player)
         if sender is None or sender.kind != Controller.BOT or not _FOR_BOTS.fullmatch(event.text):
@@ -432,8 +432,17 @@ class Broadcaster:
         told = messages.Told(seat=event.player, text=event.text)
         self._told.append((self._now(), told))
         for session in self.members:
-            if session.players and session.kind == Controller.BOT:
+            if self._may_hear(session, told):
                 self.send(session, told)
+
+    def _may_hear(self, session: Session, told: messages.Told) -> bool:
+        """Return whether a session receives a text that a bot has sent to its team."""
+        if not session.players or session.kind != Controller.BOT:
+            return False
+        # Anyone can claim to be a bot in `hello`, so not even bots may learn that a seat which a
+        # study shows as a person or a model is a bot.
+        disguised = self._episode.seat(told.seat).treatment.shown_as not in (None, Controller.BOT)
+        return not disguised or told.seat in session.players
 
     def publish_notice(self, text: str) -> None:
         """Send an announcement of the operator."""
