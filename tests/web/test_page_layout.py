@@ -23,6 +23,13 @@ HIDDEN = """() => {
   return orders.filter((each) => each.getBoundingClientRect().bottom > bottom + 1).length;
 }"""
 """Returns the number of orders that are cut off."""
+BELOW_PAGE = "document.documentElement.scrollHeight - innerHeight"
+"""Returns the pixels by which the page scrolls."""
+AT_NOTICE = """() => {
+  const { x, y, width, height } = document.getElementById("notice").getBoundingClientRect();
+  return document.elementFromPoint(x + width / 2, y + height / 2).id;
+}"""
+"""Returns the element that a click on the notice reaches."""
 
 
 @pytest.mark.parametrize(("grace", "minutes"), [(60, LOBBY_SECONDS / 60), (1200, 20)])
@@ -60,3 +67,31 @@ async def test_three_orders_are_visible_at_720_pixels(browser: Any, tmp_path: Pa
             await get_ready(page)
             await expect(page.locator(".order")).to_have_count(3)
             assert await page.evaluate(HIDDEN) == 0
+
+
+async def test_long_chat_takes_no_room_from_the_orders(browser: Any, tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        create = messages.Create(task="shifts/01@1", clock=Clock.REALTIME, step_rate=40)
+        room = server.lobby.create(create)
+        async with visiting(browser, link(server.port, room.code), "Ada") as page:
+            for number in range(8):
+                await page.fill("#said", f"line {number}: " + "I need the hatch, please. " * 6)
+                await page.press("#said", "Enter")
+            await expect(page.locator("#lines")).to_contain_text("line 7")
+            await get_ready(page)
+            await expect(page.locator(".order")).to_have_count(3)
+            assert await page.evaluate(HIDDEN) == 0
+            assert await page.evaluate(BELOW_PAGE) == 0
+            await expect(page.locator("#said")).to_be_in_viewport(ratio=1)
+            await expect(page.locator("#lines p").last).to_be_in_viewport(ratio=0.9)
+
+
+async def test_click_on_a_notice_reaches_the_station_below_it(browser: Any, tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        room = server.lobby.create(messages.Create(task="training/01", clock=Clock.LOCKSTEP))
+        async with visiting(browser, link(server.port, room.code), "Ada") as page:
+            await get_ready(page)
+            await page.focus("#kitchen")
+            await page.keyboard.press("e")
+            await expect(page.locator("#notice")).to_contain_text("Nothing to do")
+            assert await page.evaluate(AT_NOTICE) == "kitchen"

@@ -25,11 +25,13 @@ from robotouille_client.window.drawing.kitchen.spots import (
 )
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.tags.labels import LabelSurroundings
+from robotouille_client.window.drawing.tags.tips import Tips
 from robotouille_client.window.drawing.window_layout import ActionMark, UiOverlay
 from robotouille_client.window.pictures import theme
 from robotouille_client.window.pictures.shapes import seat_fill, seat_ink
+from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
-from robotouille_client.window.pictures.theme import contrast, strong_ink
+from robotouille_client.window.pictures.theme import INK, contrast, strong_ink
 from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.view import Bubble, PauseView, SeatView, View
 
@@ -235,6 +237,20 @@ def test_station_tips_are_near_and_cover_nothing_in_use(name: str, size: tuple[i
         assert about is not None
         assert gap(area, about) <= 1.5 * layout.tile, station
         assert area.collidelist(occupied(layout, stage, poses)) < 0
+
+
+@pytest.mark.parametrize(("distance", "notched"), [(20, True), (150, False)])
+def test_a_tip_points_at_its_station_only_from_nearby(distance: int, notched: bool) -> None:
+    """A notch across the kitchen would be a long spike."""
+    layout = Painter().layout((1280, 720), world_of("multi_agent/07"))
+    text, surface = Typesetter(), pygame.Surface((1280, 720))
+    tips, station = Tips(text, Sprites((), text)), pygame.Rect(300, 300, 80, 80)
+    tip = tips.next_to(layout, "tip", ("The hatch",), station, 0)
+    area = pygame.Rect((station.right + distance, 330), next(iter(tip.shapes)))
+    surface.fill("white")
+    tips.draw(surface, layout, tip, area)
+    surface.fill("white", area)
+    assert (pygame.mask.from_threshold(surface, INK, (9, 9, 9, 255)).count() > 0) == notched
 
 
 def test_a_busy_player_gets_a_tip(play) -> None:

@@ -64,6 +64,18 @@ def test_find_a_task_by_typing(display: Display) -> None:
     assert form.result == BURGER
 
 
+@pytest.mark.parametrize("typed", ["07", "7"])
+def test_a_number_finds_the_tasks_with_it(typed: str) -> None:
+    entry = PickerEntry(
+        "soup", lambda: EntryText("07 Onion soup", "1 player"), about=lambda: "Not played yet."
+    )
+    shift = PickerEntry(
+        "rush", lambda: EntryText("06 Rush hour", "2 to 4 players"), about=lambda: "157, 207, 257."
+    )
+    assert entry.matches(typed)
+    assert not shift.matches(typed)
+
+
 def test_exact_titles_come_first_and_each_family_has_one_heading(display: Display) -> None:
     form = TaskPicker(Settings(), "asynchronous/01_chicken_burger").form
     post("LETTUCE  burger")

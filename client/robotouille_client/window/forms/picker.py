@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -61,7 +62,7 @@ class PickerEntry(Row):
     def matches(self, typed: str) -> bool:
         """Return whether the entry contains all typed words."""
         text = f"{' '.join(self.text())} {self.group} {self.about()}".casefold()
-        return all(word in text for word in typed.casefold().split())
+        return all(_contains(text, word) for word in typed.casefold().split())
 
     def distance(self, typed: str) -> int:
         """Return how far the title, without numbers, is from the typed text.
@@ -233,6 +234,13 @@ class Picker(Form):
                 y += text.height(size)
             y += size // 3
         return width
+
+
+def _contains(text: str, word: str) -> bool:
+    """Return whether a text contains a word, or a number: 7 and 07 are in "07", not in "207"."""
+    if not word.isdecimal():
+        return word in text
+    return re.search(rf"(?<!\d)0*{word}", text) is not None
 
 
 def _framed(target: pygame.Surface, frame: pygame.Rect, picture: pygame.Surface | None) -> None:

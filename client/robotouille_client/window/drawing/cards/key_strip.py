@@ -68,7 +68,7 @@ class KeyStrip:
         If room is short, the permanent keys are dropped, the last one last.
         """
         size = gap = layout.text
-        middle = layout.strip.top - layout.text
+        middle = layout.strip.top - layout.text * 3 // 4
         x, right = gap, layout.panel.left - gap
         prompt = _prompt(ui_overlay)
         hints = [hint for hint in ui_overlay.hints if hint[1] != prompt]

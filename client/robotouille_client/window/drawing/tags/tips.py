@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -180,11 +181,14 @@ def _point(target: pygame.Surface, layout: Layout, area: pygame.Rect, about: pyg
     edge = area.inflate(-4 * half, -2 * half)
     end = nearest_point(inner, area.center)
     foot = nearest_point(edge, end)
+    tip = nearest_point(about.inflate(-8, -8), foot)
+    if math.dist(foot, tip) > layout.tile // 2:  # A long notch is a thin spike.
+        return
     if area.left <= end[0] <= area.right:
-        ends = (foot[0] - half, area.centery), (foot[0] + half, area.centery)
+        ends = (foot[0] - half, foot[1]), (foot[0] + half, foot[1])
     else:
-        ends = (area.centerx, foot[1] - half), (area.centerx, foot[1] + half)
-    pygame.draw.polygon(target, INK, (*ends, nearest_point(about.inflate(-8, -8), foot)))
+        ends = (foot[0], foot[1] - half), (foot[0], foot[1] + half)
+    pygame.draw.polygon(target, INK, (*ends, tip))
 
 
 def _row(layout: Layout) -> int:

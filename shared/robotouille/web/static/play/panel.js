@@ -39,6 +39,8 @@ export class Chat {
   constructor() {
     this.lines = byId("lines");
     this.lines.replaceChildren();
+    // New orders take height from the chat, and would hide its last lines.
+    new ResizeObserver(() => this.showEnd()).observe(this.lines);
   }
 
   /** @param {string} name @param {string} said */
@@ -56,6 +58,12 @@ export class Chat {
     const { lines } = this;
     lines.append(line);
     while (lines.childElementCount > MAX_LINES) lines.firstElementChild?.remove();
+    this.showEnd();
+  }
+
+  /** Scroll to the last line, unless the player reads the chat. */
+  showEnd() {
+    const { lines } = this;
     // The panel's height changes with the orders, so the position alone does not tell a reader.
     if (!lines.matches(":hover, :focus-within")) lines.scrollTop = lines.scrollHeight;
   }
