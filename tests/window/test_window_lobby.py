@@ -161,7 +161,7 @@ def test_the_card_fits_beside_the_panel(size: tuple[int, int], ready: bool | Non
 
 
 @pytest.mark.parametrize(
-    "size", quick_sample((size,) for size in [(640, 360), (800, 600), (1280, 720), LARGE])
+    "size", quick_sample((size,) for size in [(640, 360), (800, 600), (1280, 720), (3840, 2160)])
 )
 @pytest.mark.parametrize(
     "task", quick_sample(["multi_agent/10@4", "multi_agent/07", "training/03"])
