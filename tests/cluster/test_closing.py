@@ -6,6 +6,7 @@ import asyncio
 import random
 from pathlib import Path
 
+import structlog
 from structlog.testing import capture_logs
 
 from robotouille_server.cluster.episodes.closing import Closing
@@ -17,6 +18,7 @@ from tests.support.virtual_time import virtual
 
 @virtual
 async def test_each_reason_why_a_recording_is_not_stored_is_reported_once(tmp_path: Path) -> None:
+    structlog.reset_defaults()  # A server that ran before may have filtered warnings.
     nats = SimulatedNats(random.Random(1))
     bus = nats.bus("node")
     closing = Closing(bus, Directory(bus), Folder(tmp_path))

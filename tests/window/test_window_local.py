@@ -173,12 +173,13 @@ def test_a_bot_waits_for_the_help_it_asked_for() -> None:
         timer.now += 0.2
         view = game.view()
         blocked[view.step] = view.blocked
-        lines = ["pick-up-item bottombun1", "move table2"] if view.step < 100 else ["place-item"]
+        hoarding = [("pick-up-item", "bottombun1"), ("move", "table2")]
+        helping = [("place-item", "bottombun1"), ("move", "table3")]
         valid = [
             action
-            for line in lines
+            for name, what in (hoarding if view.step < 100 else helping)
             for action in view.state.actions(me)
-            if action.name == line.split()[0] and {*line.split()[1:]} <= {*action.arguments}
+            if action.name == name and what == (action.destination or action.arguments[1])
         ]
         for action in valid[:1]:
             game.act(action)

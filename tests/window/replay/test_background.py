@@ -228,9 +228,9 @@ def test_a_picture_from_the_command_line(short: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "why"),
     [
-        ("nowhere/picture.png", "cannot be written"),
-        ("picture.xyz", "the name of a picture must end in .png"),
-        ("full.png", "cannot be written"),
+        ("nowhere/picture.png", "nowhere; create it first"),
+        ("picture.xyz", "must end in .png, .jpg, .jpeg, .bmp, not 'picture.xyz'"),
+        ("full.png", "full.png: cannot be written"),
     ],
 )
 def test_an_unwritable_picture(short: Path, name: str, why: str) -> None:
@@ -238,8 +238,7 @@ def test_an_unwritable_picture(short: Path, name: str, why: str) -> None:
     picture = short.parent / name
     done = CliRunner().invoke(app, ["replay", "play", str(short), "--screenshot", str(picture)])
     assert done.exit_code == 1
-    assert why in done.output
-    assert name.rpartition("/")[2] in done.output.replace("\n", "")
+    assert why in done.output.replace("\n", "")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
