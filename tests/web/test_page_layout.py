@@ -45,6 +45,22 @@ async def test_waiting_room_shows_the_time_waited_and_when_it_closes(
             await expect(cover).to_contain_text(f"your seat is kept for {grace} s")
 
 
+async def test_waiting_room_names_the_points_of_stars_and_invites_only_to_free_seats(
+    browser: Any, tmp_path: Path
+) -> None:
+    async with serving(tmp_path) as server:
+        room = server.lobby.create(messages.Create(task="shifts/01@2", clock=Clock.REALTIME))
+        address = link(server.port, room.code)
+        async with visiting(browser, address, "Ada") as page:
+            cover = page.locator("#cover")
+            await expect(cover).to_contain_text(re.compile(r"One star takes \d+ points, two take \d+"))
+            await expect(cover).to_contain_text(f"Others join with the code {room.code}")
+            async with visiting(browser, address, "Ben"):
+                await expect(cover).to_contain_text("Ben")
+                await expect(cover).not_to_contain_text("Others join")
+                await expect(page.get_by_role("button", name="Copy the link")).to_have_count(0)
+
+
 async def test_kitchen_keeps_its_size_and_newcomers_learn_how_to_walk(
     browser: Any, tmp_path: Path
 ) -> None:

@@ -93,16 +93,18 @@ export class Cover {
     const made = slip(text("lobby"), this.ticking, element("ul", {}, ...rows));
     const goal = game.task?.problem.goal_description;
     if (goal) made.append(element("p", {}, String(goal)));
+    const bounds = starBounds(game);
+    if (bounds) made.append(element("p", {}, text("starPoints", { one: bounds[0], two: bounds[1], three: bounds[2] })));
     const touch = matchMedia("(pointer: coarse)").matches;
     if (game.me !== null) made.append(element("p", {}, text(touch ? "howTouch" : "howKeys")));
     const ready = game.seat?.ready ?? true;
     const choose = game.me !== null &&
       button(text(ready ? "notReady" : "ready"), () => this.answers.ready(!ready), !ready);
-    const others = game.seats.length > 1;
-    const share = others && button(text("copy"), () => this.answers.share());
-    made.append(element("p", { class: "buttons" }, choose, share));
-    if (others) made.append(element("p", { class: "faint" }, text("lobbyCode", { code: game.code })));
     const free = game.seats.some((seat) => !seat.name);
+    const invites = free && game.seats.length > 1;
+    const share = invites && button(text("copy"), () => this.answers.share());
+    made.append(element("p", { class: "buttons" }, choose, share));
+    if (invites) made.append(element("p", { class: "faint" }, text("lobbyCode", { code: game.code })));
     if (free && this.answers.mayRepeat && LOCAL.has(location.hostname)) {
       const command = `robotouille-bot planner --stay --episode ${game.code} --url ${socketAddress(location.href)}`;
       made.append(element("p", { class: "faint" }, text("lobbyBot"), " ", element("code", {}, command)));
@@ -229,14 +231,24 @@ function onlyWatched({ me, outcome }) {
 }
 
 /**
+ * Return the points of one, two and three stars of a shift; null if the task has none.
+ * @param {Game} game
+ * @returns {number[] | null}
+ */
+function starBounds({ task }) {
+  const bounds = task?.problem.shift?.stars?.[task.players.length];
+  return Array.isArray(bounds) ? bounds : null;
+}
+
+/**
  * Return the stars of a shift that is over, and the points of the next star; null if its task has
  * none.
  * @param {Game} game
  */
 function ratingOf(game) {
-  const bounds = game.task?.problem.shift?.stars?.[game.task.players.length];
+  const bounds = starBounds(game);
   const points = game.outcome?.score?.points;
-  if (!Array.isArray(bounds) || points == null || game.outcome?.reason !== "shift_over") return null;
+  if (!bounds || points == null || game.outcome?.reason !== "shift_over") return null;
   const earned = bounds.filter((bound) => points >= bound).length;
   return { stars: onlyWatched(game) ? 0 : earned, next: bounds[Math.min(earned, STARS - 1)] };
 }

@@ -95,6 +95,7 @@ export default {
   othersWon: "Die anderen haben es geschafft!",
   lost: "Diesmal nicht",
   shiftEnded: "Schicht zu Ende",
+  starPoints: "Einen Stern gibt es ab {one} Punkten, zwei ab {two}, drei ab {three}.",
   stars1: "Einen Stern gibt es ab {points} Punkten.",
   stars2: "Zwei Sterne gibt es ab {points} Punkten.",
   stars3: "Drei Sterne gibt es ab {points} Punkten.",

@@ -95,6 +95,7 @@ export default {
   othersWon: "The others did it!",
   lost: "Not this time",
   shiftEnded: "Shift over",
+  starPoints: "One star takes {one} points, two take {two}, three take {three}.",
   stars1: "One star takes {points} points.",
   stars2: "Two stars take {points} points.",
   stars3: "Three stars take {points} points.",
