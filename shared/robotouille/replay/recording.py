@@ -13,6 +13,7 @@ from robotouille.domain.files import open_regular
 from robotouille.domain.task import Task
 from robotouille.errors import RecordingError, RobotouilleError, UnknownNameError, WrongWorldError
 from robotouille.protocol.states import StateReader, StateWriter
+from robotouille.replay.conduct import Conduct, wrong_outcome
 from robotouille.replay.container import (
     MAGIC,
     MAX_FILE,
@@ -45,7 +46,8 @@ class Verification:
 
     Attributes:
         steps: Number of steps.
-        fault: The first difference in a fact, timer, hash or outcome; otherwise empty.
+        fault: The first difference in a fact, timer, hash or outcome, or the first broken rule of
+            play; otherwise empty.
         identical: True if the re-simulated frames equal the recorded ones byte for byte.
         complete: True if the recording contains the episode's end.
     """
@@ -319,7 +321,7 @@ class Recording:
             yield frame["step"], frozenset(atoms[i] for i in facts if atoms[i])
 
     def verify(self) -> Verification:
-        """Re-simulate, and compare all facts, timers, hashes and bytes with the recorded ones."""
+        """Re-simulate, compare all facts, timers, hashes and bytes, and check the rules of play."""
         comparison = Comparison(self)
         try:
             fault = self._first_difference(comparison)
@@ -332,7 +334,8 @@ class Recording:
         if self.task.digest != self.header["digest"]:
             return f"the task's hash is {self.task.digest}, but {self.header['digest']} is recorded"
         reader, expected, state = None, 0, self.world.initial
-        for frame, state, written in self.resimulated_frames():
+        conduct = Conduct(self.header, self.world.players)
+        for frame, after, written in self.resimulated_frames():
             comparison.add(written)
             if frame["kind"] == "state" and reader is None:
                 reader = StateReader(self.world, self.header["tables"], frame)
@@ -341,15 +344,19 @@ class Recording:
                 if frame["step"] != expected or reader is None:
                     return f"step {expected} is missing: the next frame is step {frame['step']}"
                 reader.apply(frame)
-            recorded = reader.state if reader else state
-            if difference := _difference(frame, state, recorded):
+            recorded = reader.state if reader else after
+            if difference := _difference(frame, after, recorded):
                 return f"step {expected}: {difference}"
-        return self._wrong_outcome(expected, state)
-
-    def _wrong_outcome(self, steps: int, state: State) -> str:
-        outcome = self.outcome
-        if outcome is None:
+            if frame["kind"] == "step" and (fault := conduct.fault(frame, state)):
+                return f"step {expected}: {fault}"
+            state = after
+        if self.outcome is None:
             return ""
+        return self._wrong_end(self.outcome, expected, state) or wrong_outcome(
+            self, self.outcome, conduct.latest
+        )
+
+    def _wrong_end(self, outcome: dict[str, Any], steps: int, state: State) -> str:
         if outcome["steps"] != steps:
             return f"the outcome has {outcome['steps']} steps, but the recording has {steps}"
         if (outcome["reason"] == "goal") != state.goal_reached:
