@@ -5,9 +5,12 @@ from __future__ import annotations
 import asyncio
 from pathlib import Path
 
+import pytest
+
 from robotouille.replay.recording import read_recording
 from robotouille_client import Client, connect
 from robotouille_server.auth.roles import Role
+from robotouille_server.rooms.participants import used_generations
 from tests.support.servers import Raw, raw, serving, with_clients
 from tests.support.virtual_time import run, virtual
 
@@ -37,6 +40,66 @@ class TestResumeTokens:
                 for old in used[:2]:
                     answer = await thief.ask({**HELLO, "resume": old}, "welcome")
                     assert (answer["code"], answer["field"]) == ("auth/expired", "resume")
+
+    @pytest.mark.parametrize("leaves", [False, True])
+    @virtual
+    async def test_replaced_token_of_a_forgotten_spectator_stays_invalid(
+        self, tmp_path: Path, leaves: bool
+    ) -> None:
+        async with serving(tmp_path, grace=3) as server, raw(server) as host:
+            code = (await host.ask({"type": "create", "task": "multi_agent/02"}, "created"))["code"]
+            used = []
+            async with raw(server) as ada:
+                watch = {"type": "join", "episode": code, "role": "spectator"}
+                token = (await ada.ask(watch, "joined"))["resume"]
+            for _ in range(3):
+                used.append(token)
+                async with raw(server, hello=False) as again:
+                    await again.ask({**HELLO, "resume": token}, "welcome")
+                    token = (await again.expect("joined"))["resume"]
+                    if leaves and len(used) == 3:
+                        await again.ask({"type": "leave"}, "left")
+            await asyncio.sleep(60)
+            async with raw(server, hello=False) as thief:
+                for old in used[:2]:
+                    answer = await thief.ask({**HELLO, "resume": old}, "welcome")
+                    assert (answer.get("code"), answer.get("field")) == ("auth/expired", "resume")
+            # The owner has the last token, or the one before if the answer to it was lost.
+            for last in (used[2], token):
+                async with raw(server, hello=False) as late:
+                    answer = await late.ask({**HELLO, "resume": last}, "welcome")
+                    assert answer.get("resumed") is True
+
+    @virtual
+    async def test_memory_for_replaced_tokens_is_bounded(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(used_generations, "MAX_FORGOTTEN", 2)
+        clock = [1_000_000.0]
+        async with serving(tmp_path, wall=lambda: clock[0], grace=3) as server:
+            async with raw(server) as host:
+                create = {"type": "create", "task": "multi_agent/02"}
+                code = (await host.ask(create, "created"))["code"]
+                watch = {"type": "join", "episode": code, "role": "spectator"}
+                tokens = []
+                for _ in range(4):
+                    async with raw(server) as ada:
+                        tokens.append([(await ada.ask(watch, "joined"))["resume"]])
+                    for _ in range(2):
+                        async with raw(server, hello=False) as again:
+                            await again.ask({**HELLO, "resume": tokens[-1][-1]}, "welcome")
+                            tokens[-1].append((await again.expect("joined"))["resume"])
+                    clock[0] += 60
+                    await asyncio.sleep(60)
+                # The generations of the first two are no longer kept, so all their tokens expire.
+                for old in (*tokens[0], *tokens[1], tokens[2][0], tokens[3][0]):
+                    async with raw(server, hello=False) as thief:
+                        answer = await thief.ask({**HELLO, "resume": old}, "welcome")
+                        assert answer.get("code") == "auth/expired"
+                for owned in (tokens[2][-1], tokens[3][-1]):
+                    async with raw(server, hello=False) as late:
+                        answer = await late.ask({**HELLO, "resume": owned}, "welcome")
+                        assert answer.get("resumed") is True
 
     @virtual
     async def test_token_with_a_lost_answer_is_valid_again(self, tmp_path: Path) -> None:

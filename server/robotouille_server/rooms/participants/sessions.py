@@ -22,6 +22,7 @@ from robotouille_server.rooms.participants.session import (
     Session,
     SessionLimits,
 )
+from robotouille_server.rooms.participants.used_generations import UsedGenerations
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
 
@@ -50,6 +51,7 @@ class Sessions:
         randomness: random.Random,
     ) -> None:
         self.by_id: dict[str, Session] = {}
+        self._generations = UsedGenerations()
         self._metrics = metrics
         self._tokens = credentials.tokens
         self._used = credentials.used
@@ -134,7 +136,7 @@ class Sessions:
             raise _expired("this connection cannot be resumed any more")
         # Older tokens are refused, because a copied token must become worthless once its owner has
         # returned (docs/decisions/0014).
-        if grant.generation < _generation(session, home, players):
+        if self._is_replaced(grant, session, home, players):
             raise _expired("this token was used before and has been replaced")
         # Everything that `join` would check is checked again: bans, the scope and the limits may
         # have changed since the token was signed.
@@ -150,6 +152,19 @@ class Sessions:
             raise _expired("the role token of this connection has expired")
         # The session keeps its seats after its token has expired, but no other privileges.
         return Role.PLAYER if grant.role.includes(Role.PLAYER) else grant.role
+
+    def _is_replaced(
+        self,
+        grant: ResumeGrant,
+        session: Session | None,
+        home: JoinedRoom | None,
+        players: tuple[str, ...],
+    ) -> bool:
+        if session is not None:
+            return grant.generation < session.generation
+        if home is not None and players:
+            return grant.generation < home.seat(players[0]).generation
+        return self._generations.replaced(grant)
 
     def _check_place(
         self, session: Session | None, grant: ResumeGrant, room: JoinedRoom, *, watches: bool
@@ -258,13 +273,14 @@ class Sessions:
     def forget(self, session: Session) -> None:
         """Forget a session that has lost its place, unless it has a connection."""
         if session.peer is None:
-            self.by_id.pop(session.id, None)
-            # The timer would keep the session in memory for the grace, which may be a day.
-            self._keep(session)
+            self.drop(session)
 
     def drop(self, session: Session) -> None:
         """Forget a session that another node has, even if it has a connection."""
-        self.by_id.pop(session.id, None)
+        if self.by_id.pop(session.id, None) is not None:
+            expires = self._tokens.resume_expiry(self._token_seconds)
+            self._generations.keep(session.id, session.generation, expires)
+        # The timer would keep the session in memory for the grace, which may be a day.
         self._keep(session)
 
     def _keep(self, session: Session) -> None:
@@ -330,13 +346,6 @@ def _place(
     if not players and (grant.seat or grant.episode != room.id):
         return None, ()
     return room, players
-
-
-def _generation(session: Session | None, room: JoinedRoom | None, players: tuple[str, ...]) -> int:
-    """Return the last generation of a session's resume tokens, or 0 if it is unknown."""
-    if session is not None:
-        return session.generation
-    return room.seat(players[0]).generation if room is not None and players else 0
 
 
 def _expired(why: str) -> ProtocolError:
