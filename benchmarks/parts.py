@@ -194,7 +194,7 @@ async def measure(rooms: int, rounds: int, folder: Path) -> list[tuple[str, floa
     with (
         patch.object(LoopBudget, "start", lambda self: True),
         patch.object(LoopBudget, "over", False),
-        patch.object(LoopBudget, "wait", lambda self, resume: resume()),
+        patch.object(LoopBudget, "wait", lambda self, resume, group: resume()),
     ):
         return await _measured(settings, rooms, rounds)
 

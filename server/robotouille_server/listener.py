@@ -179,6 +179,7 @@ class Connections:
         """Serve a connection after its handshake."""
         services = self._services
         who = self._pages.visitor(connection, request)
+        connection.group = who.turn_group
         codec = codec_for(connection.subprotocol)
         peer = Peer(connection, codec, services.metrics, services.settings.stall_seconds)
         counted = CountedConnection(who, partial(self._displace, peer))

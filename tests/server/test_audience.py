@@ -331,8 +331,8 @@ async def test_error_of_one_spectator_delays_no_update_of_the_others() -> None:
 class BusyLoop(LoopBudget):
     """Budget of an event loop that is busy until `work` is called."""
 
-    def wait(self, resume: Callable[[], None]) -> None:
-        self._waiting.append(resume)
+    def _schedule(self) -> None:
+        pass
 
     def work(self) -> None:
         self._turn()

@@ -120,7 +120,7 @@ class Turns(LoopBudget):
     def spend(self, cost: float) -> None:
         pass
 
-    def wait(self, resume: Callable[[], None]) -> None:
+    def wait(self, resume: Callable[[], None], group: object = None) -> None:
         resume()
 
 

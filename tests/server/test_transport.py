@@ -7,6 +7,7 @@ import gc
 import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -251,6 +252,19 @@ async def test_queue_is_served_in_order_within_the_budget() -> None:
     assert served == ["ada", "bob"]
     await asyncio.sleep(0)
     assert served == ["ada", "bob", "cy"]
+
+
+@virtual
+async def test_client_waits_for_one_of_many_connections_of_another_address() -> None:
+    budget = LoopBudget(asyncio.get_running_loop())
+    served: list[str] = []
+    for number in range(64):
+        budget.wait(partial(served.append, f"flood {number}"), "203.0.113.7")
+    budget.wait(partial(served.append, "ada"), "203.0.113.8")
+    budget.wait(partial(served.append, "local"))
+    await asyncio.sleep(0)
+    assert served[:4] == ["flood 0", "ada", "local", "flood 1"]
+    assert served[3:] == [f"flood {number}" for number in range(1, 64)]
 
 
 @virtual

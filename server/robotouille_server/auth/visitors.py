@@ -63,6 +63,14 @@ class Visitor:
     group: str
     site: str = ""
 
+    @property
+    def turn_group(self) -> str | None:
+        """The clients with which the visitor shares turns; None for a program on this machine.
+
+        An IPv6 /48 network is one group. Otherwise, its owner could have 65,536 turns.
+        """
+        return None if self.local else self.site or self.group
+
 
 # Settings
 

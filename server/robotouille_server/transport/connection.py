@@ -66,7 +66,7 @@ MAX_PARTS = 1024
 """Maximum number of fragments of a message."""
 MAX_CONTROL = 6 + 125
 """Maximum size of a control frame with its head (RFC 6455, section 5.5)."""
-FRAMES_AT_A_TIME, SECONDS_AT_A_TIME = 8, TURN_SECONDS / 4
+FRAMES_AT_A_TIME, SECONDS_AT_A_TIME = 8, TURN_SECONDS / 20
 """Frames of one connection, and time for them, after which all others get a turn."""
 FRAMES_A_SECOND = 50.0
 """Control frames and fragments per second. Each KiB of a fragment counts as one more."""
@@ -138,6 +138,7 @@ class Connection(BufferedReader):
         transport: The transport of the socket.
         open: True after the handshake and until one side begins to close.
         latency: The round trip of the last ping in seconds; 0 before the first.
+        group: The clients with which this one shares its turns; None if it has its own.
         subprotocol: The subprotocol that both sides have chosen.
         receiver: Receives each message; set when the connection opens.
     """
@@ -159,6 +160,7 @@ class Connection(BufferedReader):
         "_request_size",
         "_requested",
         "_timer",
+        "group",
         "latency",
         "loop",
         "open",
@@ -172,6 +174,7 @@ class Connection(BufferedReader):
         self.loop = asyncio.get_running_loop()
         self.open = self._ending = False
         self.latency = 0.0
+        self.group: str | None = None
         self.subprotocol: str | None = None
         self.receiver: Callable[[bytes | str], None] | None = None
         self._handler = handler
@@ -318,7 +321,7 @@ class Connection(BufferedReader):
         if GIVE_WAY not in self._paused:
             self.pause_reading(GIVE_WAY)
             # Reading stops, so a flood stays in the kernel's buffers and TCP slows down its sender.
-            self._admission.loop_budget.wait(self._resume_after_others)
+            self._admission.loop_budget.wait(self._resume_after_others, self.group)
 
     def _resume_after_others(self) -> None:
         self._paused.discard(GIVE_WAY)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections import deque
+from collections import OrderedDict, deque
 from collections.abc import Callable
 from functools import partial
 from math import inf
@@ -22,12 +22,15 @@ connection after the other."""
 class LoopBudget:
     """Budget of work per turn of the event loop, with a fair queue for connections beyond it.
 
-    Between two turns, the event loop takes the steps of episodes.
+    Groups of connections take turns, and the connections of a group take turns within it. So a
+    client waits for one message of each other address, not for all connections of a flood. Between
+    two turns, the event loop takes the steps of episodes.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
-        self._waiting: deque[Callable[[], None]] = deque()
+        self._waiting: OrderedDict[object, deque[Callable[[], None]]] = OrderedDict()
+        self._count = 0
         self._spent = 0.0
         self._scheduled = False
         self._until = inf
@@ -57,12 +60,25 @@ class LoopBudget:
         if self._spent >= LOOP_BUDGET / 2:
             self._schedule()
 
-    def wait(self, resume: Callable[[], None]) -> None:
-        """Call `resume` after all connections in the queue have had their turn."""
-        # The queue is first come, first served, so that a flooding connection cannot overtake
-        # others.
-        self._waiting.append(resume)
+    def wait(self, resume: Callable[[], None], group: object = None) -> None:
+        """Call `resume` after all in the queue have had their turn.
+
+        Args:
+            group: Connections of one group share its turns. Without one, `resume` has its own.
+        """
+        # Within a group, the queue is first come, first served, so that a flooding connection
+        # cannot overtake others.
+        self._waiting.setdefault(resume if group is None else group, deque()).append(resume)
+        self._count += 1
         self._schedule()
+
+    def _next(self) -> Callable[[], None]:
+        group, queue = self._waiting.popitem(last=False)
+        resume = queue.popleft()
+        self._count -= 1
+        if queue:
+            self._waiting[group] = queue
+        return resume
 
     def _schedule(self) -> None:
         if not self._scheduled:
@@ -78,12 +94,12 @@ class LoopBudget:
         self._scheduled = False
         self._begin(self._loop.time())
         try:
-            # Connections that queue again wait for the next turn.
-            for _ in range(len(self._waiting)):
+            # A queue of which all connections queue again must not keep the turn going.
+            for _ in range(self._count):
                 # Without this break, a due step could wait for more than one budget of work.
                 if self.over:
                     break
-                self._waiting.popleft()()
+                self._next()()
         finally:
             # The event loop logs the error of a connection; the others must still get their turns.
             if self._waiting:
