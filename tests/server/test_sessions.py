@@ -71,6 +71,57 @@ class TestResumeTokens:
                     assert answer.get("resumed") is True
 
     @virtual
+    async def test_token_replaced_before_its_session_took_a_seat_is_invalid_after_a_restart(
+        self, tmp_path: Path
+    ) -> None:
+        async with serving(tmp_path) as server:
+            async with raw(server) as host, raw(server) as ada:
+                create = {"type": "create", "task": "multi_agent/02"}
+                code = (await host.ask(create, "created"))["code"]
+                watch = {"type": "join", "episode": code, "role": "spectator"}
+                used = [(await ada.ask(watch, "joined"))["resume"]]
+            for _ in range(2):
+                async with raw(server, hello=False) as again:
+                    await again.ask({**HELLO, "resume": used[-1]}, "welcome")
+                    used.append((await again.expect("joined"))["resume"])
+                    if len(used) == 3:
+                        await again.ask({"type": "leave"}, "left")
+                        play = {"type": "join", "episode": code}
+                        joined = await again.ask(play, "joined")
+            await server.stop("restart", hand_over=True)
+        async with serving(tmp_path, seed=2) as server:
+            async with raw(server, hello=False) as thief:
+                answer = await thief.ask({**HELLO, "resume": used[0]}, "welcome")
+                assert answer.get("code") == "auth/expired"
+            async with raw(server, hello=False) as again:
+                await again.ask({**HELLO, "resume": joined["resume"]}, "welcome")
+                assert (await again.expect("joined"))["seat"] == joined["seat"]
+
+    @virtual
+    async def test_token_replaced_before_its_session_took_a_seat_over_is_invalid_after_a_restart(
+        self, tmp_path: Path
+    ) -> None:
+        async with serving(tmp_path) as server:
+            async with raw(server) as host:
+                create = {"type": "create", "task": "multi_agent/02"}
+                code = (await host.ask(create, "created"))["code"]
+            role = server.tokens.mint_role(Role.PLAYER, "ada", seconds=60, episode=code)
+            play = {"type": "join", "episode": code}
+            async with raw(server, hello=False) as old, raw(server, hello=False) as one:
+                await old.ask({**HELLO, "token": role}, "welcome")
+                await old.ask(play, "joined")
+                used = (await one.ask({**HELLO, "token": role}, "welcome"))["resume"]
+                async with raw(server, hello=False) as two, raw(server, hello=False) as three:
+                    last = (await two.ask({**HELLO, "resume": used}, "welcome"))["resume"]
+                    await three.ask({**HELLO, "resume": last}, "welcome")
+                    assert (await three.ask(play, "joined"))["seat"] == "robot1"
+            await server.stop("restart", hand_over=True)
+        async with serving(tmp_path, seed=2) as server:
+            async with raw(server, hello=False) as thief:
+                answer = await thief.ask({**HELLO, "resume": used}, "welcome")
+                assert answer.get("code") == "auth/expired"
+
+    @virtual
     async def test_memory_for_replaced_tokens_is_bounded(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:

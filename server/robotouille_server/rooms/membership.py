@@ -100,6 +100,7 @@ class Membership:
                 now,
                 session=session.id,
                 participant=session.participant,
+                generation=session.generation,
                 ready=request.ready,
                 agent=request.agent,
             )
@@ -143,7 +144,14 @@ class Membership:
     ) -> None:
         """Give a participant's seats to its new session, and close the older connection."""
         self._turnover.charge(players, now, "has lost and regained its connection")
-        self._episode.take_over(players, session.kind, now, session=session.id, agent=request.agent)
+        self._episode.take_over(
+            players,
+            session.kind,
+            now,
+            session=session.id,
+            generation=session.generation,
+            agent=request.agent,
+        )
         old = self._broadcaster.holder(players[0])
         if old is not None:
             self._remove(old)

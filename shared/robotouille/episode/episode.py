@@ -240,10 +240,14 @@ class Episode:
         *,
         session: str = "",
         participant: str = "",
+        generation: int = 0,
         ready: bool = True,
         agent: str = "",
     ) -> tuple[str, ...]:
         """Give several seats to one participant: all of them, or none. See `join`.
+
+        Args:
+            generation: Generation of the last resume token that the session has used.
 
         Returns:
             The players, in seat order.
@@ -257,7 +261,7 @@ class Episode:
         seats = record.check_free(players)
         for seat in seats:
             seat.take(name, kind, session, participant, record.ran(now))
-            seat.agent = agent
+            seat.generation, seat.agent = generation, agent
         # `used` separates the outcomes `everybody left` and `nobody came`, and lets a participant
         # return after `open_for` has passed.
         record.used = True
@@ -351,11 +355,15 @@ class Episode:
         now: float,
         *,
         session: str,
+        generation: int = 0,
         agent: str = "",
     ) -> None:
         """Let the participant of some seats go on in a new session.
 
         The seats keep everything else, such as the name and the numbers of the requests.
+
+        Args:
+            generation: Generation of the last resume token that the new session has used.
 
         Raises:
             ProtocolError: `episode/ended`.
@@ -366,7 +374,7 @@ class Episode:
         for seat in seats:
             seat.set_present(True, now, record.ran(now))
             seat.change_session(session, kind)
-            seat.agent = agent
+            seat.generation, seat.agent = generation, agent
         for seat in seats:
             record.emit_roster(seat, now)
         self._update_presence(now)

@@ -167,7 +167,7 @@ class Seat:
         self.seq, self.pending, self.answer = 0, None, ActionAnswer(0, 0)
 
     def change_session(self, session: str, kind: str) -> None:
-        """Let the participant go on in a new session, whose resume tokens start again."""
+        """Let the participant go on in another session."""
         self.session, self.kind, self.generation = session, kind, 0
 
     def lose_connection(self, ran: float) -> None:
