@@ -9,7 +9,7 @@ from pydantic import BaseModel
 
 from robotouille.domain.files import MAX_NESTING
 from robotouille.domain.pictures import MAX_OUTLINES, MAX_PICTURE_BYTES, MAX_SHAPES, MAX_SIDE
-from robotouille.episode import quota, rules
+from robotouille.episode import quota, rules, submissions
 from robotouille.protocol import codec, messages
 from robotouille.replay import container
 from robotouille.world.grounding import ground_objects
@@ -190,6 +190,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("Action written as text", f"{MAX_SENTENCE:,} characters", REFUSED, INVALID),
         Limit("Reasoning of an action", f"{_maximum(messages.Act, 'reasoning')} characters",
               REFUSED, INVALID),
+        Limit("Actions of a seat that wait for its `delay_ms`",
+              f"{submissions.MAX_HELD_REQUESTS}", REFUSED, "rate/limited"),
         Limit("Declared thinking time of an action", f"{_maximum(messages.Act, 'think_ms')} ms",
               REFUSED, INVALID),
         Limit("Digests in `known`", _maximum(messages.Join, "known"), REFUSED, INVALID),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robotouille import ProtocolError
+from robotouille import ProtocolError, UnknownNameError
 from robotouille.episode import (
     ActionRejected,
     ActionRequest,
@@ -16,6 +16,8 @@ from robotouille.episode import (
     Rules,
     SeatTreatment,
 )
+from robotouille.episode.submissions import MAX_HELD_REQUESTS
+from robotouille.world import world
 from tests.support.episodes import TWO, outcome, steps
 
 SLOW = {"robot2": SeatTreatment(delay_ms=250, shown_as="human")}
@@ -75,6 +77,52 @@ def test_delayed_action_is_checked_after_the_delay() -> None:
     (rejected,) = (event for event in episode.events() if isinstance(event, ActionRejected))
     assert rejected.code == "action/unknown"
     assert episode.due() is None
+
+
+def test_wrong_text_of_a_delayed_seat_is_compared_when_it_arrives(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """All delayed texts may be due at once, and each comparison takes a millisecond."""
+    compared: list[str] = []
+
+    def noted(sentence: str, *rest: object) -> UnknownNameError:
+        compared.append(sentence)
+        return UnknownNameError(f"no valid action {sentence!r}")
+
+    monkeypatch.setattr(world, "no_valid_action", noted)
+    episode = began(Clock.LOCKSTEP)
+    episode.submit("robot2", ActionRequest(1, "dance"), 0.0)
+    assert compared == ["dance"]
+    episode.tick(0.25)
+    (rejected,) = (event for event in episode.events() if isinstance(event, ActionRejected))
+    assert rejected.reasons == ("no valid action 'dance'",)
+    assert compared == ["dance"]
+
+
+def test_delayed_text_is_read_in_the_state_after_the_delay() -> None:
+    now_valid, late = began(Clock.REALTIME), began(Clock.REALTIME)
+    sentence = now_valid.state.actions("robot2")[0].sentence
+    for episode in (now_valid, late):
+        episode.submit("robot2", ActionRequest(1, sentence), 0.0)
+    now_valid.tick(0.5)
+    assert [move.action.sentence for step in steps(now_valid) for move in step.moves] == [sentence]
+    late.submit("robot2", ActionRequest(2, sentence), 0.3)
+    late.tick(1.0)
+    (rejected,) = (event for event in late.events() if isinstance(event, ActionRejected))
+    assert (rejected.seq, rejected.code) == (2, "action/invalid")
+
+
+def test_few_actions_of_a_seat_wait_for_its_delay() -> None:
+    episode = began(Clock.LOCKSTEP)
+    for seq in range(1, MAX_HELD_REQUESTS + 1):
+        episode.submit("robot2", ActionRequest(seq), 0.0)
+    with pytest.raises(ProtocolError) as refused:
+        episode.submit("robot2", ActionRequest(MAX_HELD_REQUESTS + 1), 0.1)
+    assert refused.value.code == "rate/limited"
+    episode.submit("robot1", ActionRequest(1), 0.1)
+    episode.tick(0.25)
+    assert episode.step == 1
+    episode.submit("robot2", ActionRequest(MAX_HELD_REQUESTS + 1), 0.3)
 
 
 def test_departure_drops_delayed_actions() -> None:

@@ -269,9 +269,13 @@ async def test_long_messages_are_accepted_less_often(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "action", ["cut the letuce", {"name": "dance", "args": []}], ids=["sentence", "name"]
 )
-async def test_mistakes_count_as_several_messages(tmp_path: Path, action: Any) -> None:
+@pytest.mark.parametrize("delay_ms", [0, 50])
+async def test_mistakes_count_as_several_messages(
+    tmp_path: Path, action: Any, delay_ms: int
+) -> None:
     async with serving(tmp_path, messages_per_second=RATE) as server, raw(server) as client:
-        create = {"type": "create", "task": "synchronous/01"}
+        treatments = {"robot1": {"delay_ms": delay_ms}}
+        create = {"type": "create", "task": "synchronous/01", "treatments": treatments}
         code = (await client.ask(create, "created"))["code"]
         await client.ask({"type": "join", "episode": code}, "joined")
         await asyncio.sleep(2.0)

@@ -102,8 +102,8 @@ class ActionRequests:
             session.mistakes += 1
         else:
             self._episode.submit(player, _with_action(request, action), now)
-            answer = self._episode.seat(player).answer
-            if answer.seq == request.seq and answer.code == "action/unknown":
+            # A delayed seat's answer comes later, but its wrong text has been compared already.
+            if self._episode.seat(player).misnamed == request.seq:
                 session.mistakes += 1
         # This includes rejected actions, because their reasoning is recorded, too.
         session.recorded_bytes += len((request.reasoning or "").encode())

@@ -94,7 +94,7 @@ class LoopBudget:
         self._scheduled = False
         self._begin(self._loop.time())
         try:
-            # A queue of which all connections queue again must not keep the turn going.
+            # Connections that queue again must not keep the turn going.
             for _ in range(self._count):
                 # Without this break, a due step could wait for more than one budget of work.
                 if self.over:

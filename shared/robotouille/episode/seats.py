@@ -90,6 +90,7 @@ class Seat:
         asked_at: Running time of the game since when the seat could act and has not.
         left_at: Running time of the game when the participant was lost.
         away: Time since when the participant has been absent.
+        misnamed: Number of the last request whose text named no action when it arrived.
         refused: True if a request since the last step was rejected or refused.
         ready: False until the participant agrees to start.
         answer: Result of the last decided action.
@@ -106,6 +107,7 @@ class Seat:
     state: SeatState = SeatState.FREE
     controller: Controller = Controller.FREE
     seq: int = 0
+    misnamed: int | None = None
     asked_at: float = 0.0
     left_at: float = 0.0
     away: float = 0.0
@@ -165,6 +167,7 @@ class Seat:
         self.asked_at = ran
         # The new participant numbers its requests from 1 again.
         self.seq, self.pending, self.answer = 0, None, ActionAnswer(0, 0)
+        self.misnamed = None
 
     def change_session(self, session: str, kind: str) -> None:
         """Let the participant go on in another session."""

@@ -25,6 +25,8 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import Unmet, UnmetKind, only_words, texts_of
 from robotouille.world.world import State
 
+MAX_HELD_REQUESTS = 64
+"""Requests of a delayed seat that may wait. All of them can be due at the same time."""
 SUBSTITUTED = ActionRequest(seq=0)
 """Request behind a substitute's decision. Number 0 shows that the participant did not make it."""
 
@@ -42,6 +44,24 @@ KINDS = {ACTION_STALE: UnmetKind.STALE, ACTION_UNKNOWN: UnmetKind.UNKNOWN}
 
 def _in_words(code: str, message: str) -> RejectionReasons:
     return RejectionReasons(only_words(message, kind=KINDS.get(code, UnmetKind.OTHER)), code)
+
+
+class HeldRequest(NamedTuple):
+    """Request of a delayed seat.
+
+    Attributes:
+        due: The time at which the request is evaluated.
+        order: Number of the request among all held ones.
+        fault: The reason for which the request is rejected when it is due, if that is certain.
+        misnamed: The reason if its text still names no action when it is due.
+    """
+
+    due: float
+    order: int
+    seat: Seat
+    request: ActionRequest
+    fault: RejectionReasons | None
+    misnamed: RejectionReasons
 
 
 class StepDecisions(NamedTuple):
@@ -65,7 +85,7 @@ class Submissions:
         self._record = record
         self._arrivals = 0
         # A heap: seats may have different delays, so requests do not fall due in arrival order.
-        self._held: list[tuple[float, int, Seat, ActionRequest, RejectionReasons | None]] = []
+        self._held: list[HeldRequest] = []
         self._order = count()
 
     def submit(self, player: str, request: ActionRequest, now: float) -> bool:
@@ -113,18 +133,17 @@ class Submissions:
 
     def due(self) -> float | None:
         """Return the time at which the next held request is due."""
-        return self._held[0][0] if self._held else None
+        return self._held[0].due if self._held else None
 
     def release(self, now: float) -> Iterator[None]:
         """Evaluate the held requests whose time has come; yield after each decision."""
-        while self._held and self._held[0][0] <= now:
-            _, _, seat, request, fault = heapq.heappop(self._held)
-            if self._evaluate(seat, request, fault, now):
+        while self._held and self._held[0].due <= now:
+            if self._evaluate_held(heapq.heappop(self._held), now):
                 yield
 
     def drop(self, player: str) -> None:
         """Forget the held requests of a player whose participant has left."""
-        self._held = [held for held in self._held if held[2].player != player]
+        self._held = [held for held in self._held if held.seat.player != player]
         heapq.heapify(self._held)
 
     def clear(self) -> None:
@@ -143,6 +162,9 @@ class Submissions:
             raise ProtocolError("action/stale", message, "seq")
         if request.seq == seat.seq and request.seq > 0:
             return False  # Sent again after a reconnection; `Seat.answer` has its result.
+        if seat.treatment.delay_ms and self._held_of(seat) >= MAX_HELD_REQUESTS:
+            text = f"{MAX_HELD_REQUESTS} actions of this seat wait already; send fewer"
+            raise ProtocolError("rate/limited", text)
         if request.reasoning:
             size = len(request.reasoning.encode())
             record.take_quota(seat.quota, size, seat.player, now, "act without")
@@ -151,10 +173,27 @@ class Submissions:
         seat.seq = request.seq
         request = self._known(request)
         if delay := seat.treatment.delay_ms:
-            until = now + delay / 1000
-            heapq.heappush(self._held, (until, next(self._order), seat, request, fault))
+            self._hold(seat, request, fault, now + delay / 1000)
             return False
         return self._evaluate(seat, request, fault, now)
+
+    def _held_of(self, seat: Seat) -> int:
+        return sum(held.seat is seat for held in self._held)
+
+    def _hold(
+        self, seat: Seat, request: ActionRequest, fault: RejectionReasons | None, due: float
+    ) -> None:
+        misnamed = _in_words(ACTION_UNKNOWN, "the action was valid only before the delay")
+        # Suggestions for a wrong text take a millisecond. They are found now, when the participant
+        # is charged for the message: all held requests may be due in the same moment.
+        if fault is None and isinstance(request.action, str):
+            try:
+                self._named(seat, request.action)
+            except UnknownNameError as error:
+                misnamed = _in_words(ACTION_UNKNOWN, str(error))
+                seat.misnamed = request.seq
+        held = HeldRequest(due, next(self._order), seat, request, fault, misnamed)
+        heapq.heappush(self._held, held)
 
     def _known(self, request: ActionRequest) -> ActionRequest:
         # A basis ahead of the game would make the recorded staleness negative.
@@ -168,11 +207,40 @@ class Submissions:
         action = request.action
         fault = fault or self._outdated(request)
         if fault is None and isinstance(action, str):
-            record = self._record
             try:
-                action = record.world.named(action, record.offered_actions(seat.player))
+                action = self._named(seat, action)
             except UnknownNameError as error:
                 fault = _in_words(ACTION_UNKNOWN, str(error))
+                seat.misnamed = request.seq
+        return self._judge(seat, request, action, fault, now)
+
+    def _evaluate_held(self, held: HeldRequest, now: float) -> bool:
+        request, seat = held.request, held.seat
+        action = request.action
+        fault = held.fault or self._outdated(request)
+        if fault is None and isinstance(action, str):
+            # An ambiguous text may name one action in the state after the delay.
+            record = self._record
+            try:
+                found = record.world.find_named(action, record.offered_actions(seat.player))
+            except UnknownNameError as error:
+                fault = _in_words(ACTION_UNKNOWN, str(error))
+            else:
+                action = found or action
+                fault = held.misnamed if found is None else None
+        return self._judge(seat, request, action, fault, now)
+
+    def _named(self, seat: Seat, text: str) -> GroundAction:
+        return self._record.world.named(text, self._record.offered_actions(seat.player))
+
+    def _judge(
+        self,
+        seat: Seat,
+        request: ActionRequest,
+        action: GroundAction | str | None,
+        fault: RejectionReasons | None,
+        now: float,
+    ) -> bool:
         if fault is None and not isinstance(action, str):
             unmet = self._faults(seat, action, anticipates=request.anticipates)
             if not unmet:

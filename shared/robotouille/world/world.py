@@ -457,12 +457,26 @@ class World(GroundTask):
             UnknownNameError: The sentence names no action or several.
             WrongArgumentError: The sentence is not a string.
         """
-        found = find_valid_by_sentence(sentence, offered)
-        if found is None:
-            found = find_by_sentence(sentence, self)
+        found = self.find_named(sentence, offered)
         if found is None:
             raise no_valid_action(sentence, offered)
         return found
+
+    def find_named(self, sentence: str, offered: Sequence[GroundAction]) -> GroundAction | None:
+        """Return the action of the task that a sentence names, or None.
+
+        This takes a tenth of the time in which `named` finds the suggestions of its error.
+
+        Args:
+            sentence: Text to read, as for `parse`.
+            offered: Actions that ambiguous sentences refer to.
+
+        Raises:
+            UnknownNameError: The sentence names several actions.
+            WrongArgumentError: The sentence is not a string.
+        """
+        found = find_valid_by_sentence(sentence, offered)
+        return found if found is not None else find_by_sentence(sentence, self)
 
     def _said(self, state: State, sentence: str, actions: Sequence[GroundAction]) -> GroundAction:
         action = self.named(sentence, actions)
