@@ -49,10 +49,14 @@ def database_url(database: str | None, folder: Path) -> URL:
     """Return the URL of a catalogue, given as a URL, as an SQLite file, or by its folder.
 
     Raises:
-        CatalogueError: The URL is invalid or names another kind of database.
+        CatalogueError: The URL is invalid or names another kind of database, or the folder's
+            catalogue is a link.
     """
     if database is None:
         database = str(folder / DEFAULT_FILE)
+        # A folder from other people could make the index change any database of the user.
+        if Path(database).is_symlink():
+            raise CatalogueError(f"{database}: it is a symbolic link; name its file by --database")
     if "://" not in database:
         return URL.create("sqlite", database=str(Path(database).absolute()))
     try:

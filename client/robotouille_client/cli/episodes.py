@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import csv
-import os
 import re
 import sys
 from collections import Counter
@@ -17,6 +16,7 @@ from typing import IO, Annotated, Any, TypeVar
 import typer
 from pydantic import ValidationError
 
+from robotouille.domain.files import whole_file
 from robotouille.errors import Fault, FileError, ProtocolError, RobotouilleError
 from robotouille.output_files import check_file
 from robotouille.protocol import messages
@@ -252,11 +252,7 @@ def _opened(path: Path | None, *, secret: bool) -> Iterator[IO[str]]:
     if path is None:
         yield sys.stdout
         return
-    mode = 0o600 if secret else 0o666
-    number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, mode)
-    with os.fdopen(number, "w", encoding="utf-8", newline="") as file:
-        if secret:
-            path.chmod(mode)
+    with whole_file(path, mode=0o600 if secret else 0o666) as file:
         yield file
 
 

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
+from robotouille.domain.files import replace_file
 from robotouille.generation.generator import ATTEMPTS, Generator, seeds_from
 from robotouille.generation.instance import Instance
 from robotouille.generation.parameters import GenerationError, Kind, Parameters
@@ -147,7 +148,7 @@ def _write(instance: Instance, folder: Path) -> Path:
     path = folder / f"{instance.name}.json"
     if path.exists() and path.read_text(encoding="utf-8") != instance.text:
         raise GenerationError("out", f"{path} contains another instance; choose another folder")
-    path.write_text(instance.text, encoding="utf-8", newline="\n")
+    replace_file(path, instance.text)
     return path
 
 

@@ -31,6 +31,7 @@ from robotouille.certification.certificate import (
     write_whole,
 )
 from robotouille.certification.certifying import BUDGET
+from robotouille.domain.files import replace_file
 from robotouille.errors import FileError, RecordingError, RobotouilleError
 from robotouille.output_files import check_file, check_folder
 from robotouille.planning import solvers as optimal
@@ -367,7 +368,7 @@ def pddl(
         check_folder(out)
         written = encode(World(load_task(task, seats=seats)), encoding, created=created)
         out.mkdir(parents=True, exist_ok=True)
-        (out / "domain.pddl").write_text(written.domain, encoding="utf-8")
-        (out / "problem.pddl").write_text(written.problem, encoding="utf-8")
+        replace_file(out / "domain.pddl", written.domain)
+        replace_file(out / "problem.pddl", written.problem)
     except (RobotouilleError, ValidationError, KeyError, OSError) as error:
         fail(explain(error))

@@ -15,6 +15,7 @@ import typer
 from rich.console import Console
 
 from robotouille.certification.certificate import Deadline
+from robotouille.domain.files import replace_file
 from robotouille.domain.task import Timing
 from robotouille.errors import RobotouilleError
 from robotouille.output_files import check_file
@@ -376,7 +377,7 @@ def export(
         if out is None:
             sys.stdout.write(printable_json(lines))
         else:
-            out.write_text(lines, encoding="utf-8")
+            replace_file(out, lines)
     except (OSError, RobotouilleError) as error:
         fail(explain(error))
 
@@ -508,7 +509,7 @@ def page(
             to_go=left if any(left) else (),
             codebook=codes,
         )
-        output.write_text(text, encoding="utf-8", newline="\n")
+        replace_file(output, text)
     except (OSError, RobotouilleError) as error:
         fail(explain(error))
     except KeyboardInterrupt:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from robotouille.domain.files import replace_file
 from robotouille.errors import RobotouilleError
 from robotouille.output_files import check_file
 from robotouille.terminal import options_from
@@ -147,11 +148,11 @@ def _report(load_test: LoadTest, options: LoadOptions) -> None:
     report = make_report(load_test)
     print_summary(report, Console())
     if options.json_file is not None:
-        options.json_file.write_text(json.dumps(report.to_json(), indent=1) + "\n")
+        replace_file(options.json_file, json.dumps(report.to_json(), indent=1) + "\n")
     if options.html_file is not None:
         from robotouille_client.loadtest.html_page import load_test_page
 
-        options.html_file.write_text(load_test_page(report))
+        replace_file(options.html_file, load_test_page(report))
 
 
 def _check(plan: LoadPlan) -> None:

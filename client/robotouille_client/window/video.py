@@ -99,10 +99,15 @@ def frames_of(
             yield painted(replace(view, outcome=outcome, won=won, lost=lost, since_end=since))
 
 
-def write_video(path: Path | str, frames: Iterable[pygame.Surface], fps: int = 30) -> Iterator[int]:
+def write_video(
+    path: Path | str, frames: Iterable[pygame.Surface], fps: int = 30, kind: str = ""
+) -> Iterator[int]:
     """Write frames of one size as .mp4 (H.264) or .gif, and yield the number written so far.
 
     The encoder holds some frames back, so that the file is complete only at the end.
+
+    Args:
+        kind: `.mp4` or `.gif`. Default: the suffix of `path`.
 
     Raises:
         MissingExtraError: PyAV is not installed.
@@ -110,7 +115,8 @@ def write_video(path: Path | str, frames: Iterable[pygame.Surface], fps: int = 3
         OSError: The file cannot be written.
     """
     path = Path(path)
-    if path.suffix.lower() not in VIDEOS:
+    kind = (kind or path.suffix).lower()
+    if kind not in VIDEOS:
         raise ValueError(
             f"the name of a video must end in {' or '.join(VIDEOS)}, not {path.name!r}"
         )
@@ -122,7 +128,7 @@ def write_video(path: Path | str, frames: Iterable[pygame.Surface], fps: int = 3
     first = next(video_frames, None)
     if first is None:
         raise ValueError("a video needs at least one frame")
-    write = _write_gif if path.suffix.lower() == ".gif" else _write_mp4
+    write = _write_gif if kind == ".gif" else _write_mp4
     try:
         yield from write(path, itertools.chain([first], video_frames), first, fps)
     except OSError:
@@ -147,7 +153,7 @@ def _write_mp4(
     import av
 
     # With the index at the front, a browser can play the video while it loads.
-    with av.open(str(path), "w", options={"movflags": "+faststart"}) as container:
+    with av.open(str(path), "w", "mp4", options={"movflags": "+faststart"}) as container:
         stream: Any = container.add_stream("libx264", rate=fps)
         stream.width, stream.height = first.width, first.height
         stream.pix_fmt = "yuv420p"
@@ -176,7 +182,7 @@ def _write_gif(
     opening = list(itertools.islice(frames, _PALETTE_FRAMES))
     graph = _palette_graph(av, _palette(av, opening[::4], fps), first, fps)
     count = 0
-    with av.open(str(path), "w") as container:
+    with av.open(str(path), "w", "gif") as container:
         stream: Any = container.add_stream("gif", rate=fps)
         stream.width, stream.height = first.width, first.height
         stream.pix_fmt = "pal8"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from robotouille.domain.files import replace_file
 from robotouille.errors import RobotouilleError
 from robotouille.output_files import check_file
 from robotouille.terminal import options_from, printable, tell
@@ -96,4 +97,4 @@ def cross_play(
             text = csv_text(played, names, measures)
         else:
             text = json_text(played, loaded, options.seed)
-        options.out.write_text(text, encoding="utf-8")
+        replace_file(options.out, text)

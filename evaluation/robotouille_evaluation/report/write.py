@@ -12,6 +12,7 @@ from pydantic import BaseModel
 
 from robotouille import World, load_task
 from robotouille.certification.step_limit import plan_beside
+from robotouille.domain.files import replace_file, whole_file
 from robotouille.errors import MissingExtraError, RobotouilleError
 from robotouille.html_report import require_libraries
 from robotouille.html_report.figures import ReportFigure
@@ -70,16 +71,15 @@ def write_report(
     for name in ("figures", "tables"):
         (folder / name).mkdir(parents=True, exist_ok=True)
     for figure in (*drawn, *graphs):
-        (folder / "figures" / f"{figure.name}.svg").write_text(figure.svg, encoding="utf-8")
-        (folder / "figures" / f"{figure.name}.png").write_bytes(figure.png)
+        replace_file(folder / "figures" / f"{figure.name}.svg", figure.svg)
+        replace_file(folder / "figures" / f"{figure.name}.png", figure.png)
     for table in tables:
-        path = folder / "tables" / f"{_file_name(table.name)}.csv"
-        path.write_text(csv_text(table), encoding="utf-8")
+        replace_file(folder / "tables" / f"{_file_name(table.name)}.csv", csv_text(table))
     write_parquet(rows, folder / "rows.parquet")
     page = folder / "report.html"
     if folders is None:
         folders = {row.run: folder.parent for row in rows}
-    page.write_text(results_page(rows, tables, drawn, graphs, title, folders), encoding="utf-8")
+    replace_file(page, results_page(rows, tables, drawn, graphs, title, folders))
     return page
 
 
@@ -128,7 +128,8 @@ def write_parquet(rows: Sequence[ResultRow], path: Path) -> None:
     }
     schema = pa.schema([(name, types[kind]) for name, kind in _columns(ResultRow)])
     table = pa.Table.from_pylist([dict(_cells(row)) for row in rows], schema=schema)
-    pq.write_table(table, path)
+    with whole_file(path, text=False) as file:
+        pq.write_table(table, file)
 
 
 def _columns(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, Any]]:

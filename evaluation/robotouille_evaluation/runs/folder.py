@@ -17,7 +17,14 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from robotouille.domain.files import parse_json, read_text, validate, whole_file
+from robotouille.domain.files import (
+    LINK,
+    open_own,
+    parse_json,
+    read_text,
+    replace_file,
+    validate,
+)
 from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille_evaluation.metrics.rows import PackId, ResultRow, read_rows
 from robotouille_evaluation.runs.job_list import EpisodeJob
@@ -57,11 +64,8 @@ class RunFolder:
         folder.require_new()
         try:
             path.mkdir(parents=True, exist_ok=True)
-            # The file is renamed when complete, so a plan is never truncated.
-            draft = folder._plan_file.with_suffix(".new")
             written = plan.model_copy(update={"pack_folder": _relative(plan.pack_folder, path)})
-            draft.write_text(written.model_dump_json(indent=1), encoding="utf-8")
-            draft.replace(folder._plan_file)
+            replace_file(folder._plan_file, written.model_dump_json(indent=1))
         except OSError as error:
             raise _unwritable(path, error) from None
         return folder
@@ -110,8 +114,11 @@ class RunFolder:
         Windows has no such lock, and neither have results without a plan.
 
         Raises:
-            RobotouilleError: Another process is playing it.
+            RobotouilleError: Another process is playing it, or its rows are a link.
         """
+        # Before the first episode, because its calls would be paid for in vain.
+        if self._rows_file.is_symlink():
+            raise FileError(str(self._rows_file), [Fault("", LINK)])
         if sys.platform == "win32" or not self.has_plan:
             yield
             return
@@ -147,7 +154,7 @@ class RunFolder:
         """Append a row and return when it is on the disk."""
         line = row.model_dump_json().encode() + b"\n"
         try:
-            with FileIO(self._rows_file, "ab+") as file:
+            with FileIO(self._rows_file, "ab+", opener=open_own) as file:
                 _end_line(file)
                 append_line(file, line)
         except OSError as error:
@@ -157,8 +164,7 @@ class RunFolder:
         """Write a file completely or not at all."""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            with whole_file(path, text=False) as file:
-                file.write(content)
+            replace_file(path, content)
         except OSError as error:
             raise _unwritable(path, error) from None
 

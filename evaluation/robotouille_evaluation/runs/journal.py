@@ -19,7 +19,7 @@ from types import TracebackType
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
-from robotouille.domain.files import read_bytes
+from robotouille.domain.files import open_own, read_bytes, replace_file
 from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille_evaluation.agents.proposal import Complete, ContextOverflow
 from robotouille_evaluation.models import (
@@ -149,7 +149,7 @@ class CallJournal:
         try:
             if self._file is None:
                 self._path.parent.mkdir(parents=True, exist_ok=True)
-                self._file = FileIO(self._path, "ab")
+                self._file = FileIO(self._path, "ab", opener=open_own)
             append_line(self._file, call.line())
         except OSError as error:
             raise self._unwritable(error) from None
@@ -184,10 +184,8 @@ class CallJournal:
 
     def _rewrite(self) -> None:
         self.close()
-        draft = self._path.with_suffix(".new")
         try:
-            draft.write_bytes(b"".join(call.line() for call in self._kept))
-            draft.replace(self._path)
+            replace_file(self._path, b"".join(call.line() for call in self._kept))
         except OSError as error:
             raise self._unwritable(error) from None
 

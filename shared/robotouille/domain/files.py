@@ -10,6 +10,7 @@ import errno
 import json
 import os
 import re
+import secrets
 import stat
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -31,6 +32,10 @@ MANY = 50_000
 """Values of a file from which on only the first fault of each list is reported."""
 
 _NO_WAIT = getattr(os, "O_NONBLOCK", 0)
+_NO_FOLLOW = getattr(os, "O_NOFOLLOW", 0)
+_DEVICES = (Path("/dev"), Path("/dev/fd"))
+"""Folders of standard output and pipes, which are written in place."""
+LINK = "it is a symbolic link, and another file would be changed; delete the link"
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -346,24 +351,81 @@ def _short(value: Any) -> str:
 
 
 @contextmanager
-def whole_file(path: Path, *, text: bool = True) -> Iterator[IO[Any]]:
+def whole_file(path: Path, *, text: bool = True, mode: int = 0o666) -> Iterator[IO[Any]]:
     """Open a file for writing that replaces `path` only if the block succeeds.
 
-    Line endings of text are not converted.
+    Line endings of text are not converted. A link is replaced itself, not the file it points to.
+
+    Args:
+        mode: Permissions before the umask. A file that only its owner could read stays private.
 
     Raises:
         OSError: The file cannot be written; the error names `path`.
     """
-    draft = path.with_name(f".{path.name}.tmp")
     kind: dict[str, Any] = {"encoding": "utf-8", "newline": ""} if text else {}
-    try:
-        with draft.open("w" if text else "wb", **kind) as file:
+    if path.parent in _DEVICES:
+        with path.open("w" if text else "wb", **kind) as file:
             yield file
-        draft.replace(path)
+        return
+    with (
+        drafted(path, draft_of(path), mode) as draft,
+        draft.open("r+" if text else "r+b", **kind) as file,
+    ):
+        yield file
+
+
+def replace_file(path: Path, content: str | bytes) -> None:
+    """Write a file completely or not at all, like `whole_file`."""
+    with whole_file(path, text=isinstance(content, str)) as file:
+        file.write(content)
+
+
+def draft_of(path: Path) -> Path:
+    """Return an unpredictable name next to `path`, for a file that will replace it."""
+    # In the same folder, because only there a rename is atomic.
+    return path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
+
+
+@contextmanager
+def drafted(path: Path, draft: Path, mode: int = 0o666) -> Iterator[Path]:
+    """Create the file `draft`, which replaces `path` if the block succeeds, else is deleted.
+
+    Raises:
+        OSError: The file cannot be written; the error names `path`.
+    """
+    try:
+        # Folders come from other people: a link or pipe they put there must never be opened.
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _NO_FOLLOW
+        os.close(os.open(draft, flags, mode & 0o600 if _is_private(path) else mode))
+        try:
+            yield draft
+            draft.replace(path)
+        finally:
+            with suppress(OSError):
+                draft.unlink(missing_ok=True)
     except OSError as error:
         if error.filename in (None, str(draft)):
             error.filename = str(path)
         raise
-    finally:
-        with suppress(OSError):
-            draft.unlink(missing_ok=True)
+
+
+def _is_private(path: Path) -> bool:
+    try:
+        found = path.lstat().st_mode
+    except OSError:
+        return False
+    return stat.S_ISREG(found) and not stat.S_IMODE(found) & 0o077
+
+
+def open_own(path: str, flags: int) -> int:
+    """Open a file that is changed in place; pass this as `opener` to `open` or `FileIO`.
+
+    Raises:
+        OSError: The file is a symbolic link, which may point to any file of the user.
+    """
+    try:
+        return os.open(path, flags | _NO_FOLLOW | _NO_WAIT, 0o666)
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            error.strerror = LINK
+        raise

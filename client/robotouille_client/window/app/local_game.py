@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from robotouille.certification.step_limit import people_step_limit
+from robotouille.domain.files import replace_file
 from robotouille.domain.loading import load_task
 from robotouille.domain.rendering import NO_WORDS, Language
 from robotouille.domain.task import Task
@@ -147,12 +148,10 @@ class LocalGame:
         if path is None or path.suffix == CLOSED:
             return
         whole = path.with_suffix("")
-        written = whole.with_suffix(f"{whole.suffix}.new")
         try:
             # Compressing at the end allows appending frames as they come during the game. A window
             # that is killed in between leaves the open recording.
-            written.write_bytes(compress(path.read_bytes()))
-            written.replace(whole)
+            replace_file(whole, compress(path.read_bytes()))
             path.unlink()
         except OSError:
             return

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 from pathlib import Path
@@ -18,6 +17,7 @@ from pydantic import (
     model_validator,
 )
 
+from robotouille.domain.files import replace_file
 from robotouille_client.window.preferences import Preferences, Word
 
 VERSION = 1
@@ -135,17 +135,11 @@ def save_settings(settings: Settings, path: Path) -> str:
     whole = Path(os.path.realpath(path))
     if whole.exists() and not whole.is_file():
         return "Could not save the settings: the path is not a file."
-    # Replacing the file at once means that a crash leaves either the old or the new settings.
-    draft = whole.with_name(f"{whole.name}.{os.getpid()}.part")
     try:
         whole.parent.mkdir(parents=True, exist_ok=True)
-        draft.unlink(missing_ok=True)
-        with draft.open("x", encoding="utf-8") as file:
-            file.write(settings.model_dump_json(indent=2) + "\n")
-        draft.replace(whole)
+        # Replacing the file at once means that a crash leaves either the old or the new settings.
+        replace_file(whole, settings.model_dump_json(indent=2) + "\n")
     except OSError as error:
-        with contextlib.suppress(OSError):
-            draft.unlink(missing_ok=True)
         return f"Could not save the settings: {error.strerror}."
     return ""
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pygame
 
+from robotouille.domain.files import draft_of, drafted
 from robotouille.errors import MissingExtraError, RobotouilleError
 from robotouille.replay.file_names import recording_stem
 from robotouille.world.world import State
@@ -65,6 +66,7 @@ def filming(
     span: _Span = (None, None),
     rendering: str = "",
     look: KitchenLook | None = None,
+    draft: Path | None = None,
 ) -> Generator[tuple[int, int], None, None]:
     """Write a history as a video and yield the frames done and in total.
 
@@ -76,6 +78,8 @@ def filming(
         span: First and last step; None for those of the history.
         rendering: Name of a rendering. Default: the domain's own.
         look: Look of a kitchen that is not installed here; replaces `rendering`.
+        draft: File next to `output` that is written until the video is complete. A caller that may
+            kill this process passes it, to delete it afterwards.
 
     Raises:
         RobotouilleError: There are no such steps, or the file cannot be written.
@@ -102,34 +106,23 @@ def filming(
         pictures=look.pictures if look else None,
     )
     frames = frames_of(_states(history, first, last), options)
-    yield from _written(frames, output, fps, (last - first + 1) * frames_per_step + hold)
+    total = (last - first + 1) * frames_per_step + hold
+    yield from _written(frames, output, draft or draft_of(output), fps, total)
 
 
 def _written(
-    frames: Iterable[pygame.Surface], output: Path, fps: int, total: int
+    frames: Iterable[pygame.Surface], output: Path, draft: Path, fps: int, total: int
 ) -> Iterator[tuple[int, int]]:
     """Write frames to a draft, and rename it when it is complete."""
-    draft = draft_of(output)
     try:
-        # Opening a pipe that someone left here would wait for ever.
-        if draft.is_fifo():
-            draft.unlink()
-        for done in write_video(draft, frames, fps):
-            yield min(done, total - 1), total
-        draft.replace(output)
+        with drafted(output, draft):
+            for done in write_video(draft, frames, fps, output.suffix):
+                yield min(done, total - 1), total
         yield total, total
     except ValueError as error:
         raise RobotouilleError(str(error)) from None
     except OSError as error:
         raise RobotouilleError(f"{output}: cannot be written: {error.strerror}") from None
-    finally:
-        with contextlib.suppress(OSError):
-            draft.unlink(missing_ok=True)
-
-
-def draft_of(output: Path) -> Path:
-    """Return the file to write until a video is complete."""
-    return output.with_name(f"{output.stem}.part{output.suffix}")
 
 
 def checked_span(history: History, span: _Span) -> tuple[int, int]:
@@ -248,7 +241,7 @@ class RecordingExport:
         self._state = state
         self._rate = min(60.0, max(0.1, rate))
         self._rendering = rendering
-        self._output = path
+        self._output = self._draft = path
         self._words = ""
         self._process: LineProcess | None = None
         self._done: float | None = None
@@ -269,11 +262,13 @@ class RecordingExport:
         first, last = self._state.span(self._history.length)
         stem = recording_stem(self._path.name)
         self._output = self._path.absolute().with_name(f"{stem}-{first}-{last}.mp4")
+        self._draft = draft_of(self._output)
         self._done = None
         self._words = f"Saving steps {first} to {last} as a video"
         self._process = LineProcess(
-            WORKERS, "film", str(self._path), str(self._output), str(first), str(last),
-            f"{self._rate:g}", self._tasks, self._rendering, on_line=self._read_progress,
+            WORKERS, "film", str(self._path), str(self._output), str(self._draft),
+            str(first), str(last), f"{self._rate:g}", self._tasks, self._rendering,
+            on_line=self._read_progress,
         )  # fmt: skip
         self._show()
 
@@ -317,4 +312,4 @@ class RecordingExport:
         """Stop without a report."""
         if self._process is not None and self._process.stop():
             with contextlib.suppress(OSError):
-                draft_of(self._output).unlink(missing_ok=True)
+                self._draft.unlink(missing_ok=True)

@@ -22,7 +22,14 @@ EVERY = 12
 
 
 def film(
-    file: str, output: str, first: str, last: str, rate: str, tasks: str, rendering: str
+    file: str,
+    output: str,
+    draft: str,
+    first: str,
+    last: str,
+    rate: str,
+    tasks: str,
+    rendering: str,
 ) -> None:
     """Write the steps from `first` to `last` as a video."""
     os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
@@ -36,7 +43,8 @@ def film(
     span = int(first), int(last)
     recording = open_shown(Path(file), Path(tasks) if tasks else None, damaged=True)
     history = RecordedHistory(recording)
-    for done, total in filming(history, Path(output), float(rate), SIZE, span, rendering):
+    written = filming(history, Path(output), float(rate), SIZE, span, rendering, draft=Path(draft))
+    for done, total in written:
         if done % EVERY == 0:
             print(done, total, flush=True)
 
