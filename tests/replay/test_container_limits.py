@@ -24,6 +24,7 @@ from robotouille.replay.container import (
     unwrap,
     zstd,
 )
+from robotouille.replay.frame_schema import MAX_TEXT
 from robotouille.replay.recording import Recording, recording_of
 from tests.support.games import recorded_game
 from tests.support.samples import quick_sample
@@ -107,6 +108,39 @@ def test_recording_with_too_many_notes_is_refused(monkeypatch: pytest.MonkeyPatc
         Recording(stream)
     with pytest.raises(RecordingError, match=r"more than 1,\d* notes"):
         list(frames_with_ends(stream))
+
+
+def test_recording_with_too_many_reasons_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    why = [{"kind": "condition", "objects": ["table1"] * 20}]
+    note = {"note": "rejected", "t": 0, "player": "robot1", "seq": 1, "action": "wait",
+            "reasons": ["needs: luck"] * 30, "why": why}  # fmt: skip
+    notes = pack_frame({"kind": "notes", "notes": [note] * 10})
+    monkeypatch.setattr(container, "MAX_REASONS", 1000)
+    assert Recording(BEGINNING + notes * 2).note_count > 20
+    with pytest.raises(RecordingError, match="more than 1,000 reasons for rejections"):
+        Recording(BEGINNING + notes * 3)
+
+
+def test_recording_with_too_many_changes_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(container, "MAX_CHANGES", 1000)
+    changes = {"add": [1] * 100, "remove": [2] * 100}
+    steps = [
+        pack_frame({"kind": "step", "step": number, "t": 0, "moves": [], **changes})
+        for number in range(6, 12)
+    ]
+    assert Recording(BEGINNING + b"".join(steps[:4])).length == 9
+    with pytest.raises(RecordingError, match="more than 1,000 changes of facts"):
+        Recording(BEGINNING + b"".join(steps))
+
+
+def test_long_text_is_refused() -> None:
+    def noted(size: int) -> bytes:
+        note = {"note": "noted", "t": 0, "player": "robot1", "topic": "x", "text": "x" * size}
+        return pack_frame({"kind": "notes", "notes": [note]})
+
+    assert Recording(BEGINNING + noted(MAX_TEXT)).note_count
+    with pytest.raises(RecordingError, match=r"noted.text: String should have at most 500000"):
+        Recording(BEGINNING + noted(MAX_TEXT + 1))
 
 
 def test_recording_with_too_many_labels_is_refused() -> None:

@@ -45,6 +45,11 @@ recording can contain ten million frames, which take minutes to read."""
 MAX_NOTES = 300_000
 """Notes of a recording. The quota of a seat is enough for 115,000 of the shortest ones. A few
 kilobytes of compressed frames can contain millions, which take minutes to read."""
+MAX_REASONS = 4_000_000
+"""Reasons of all rejections of a recording, and the objects that they name. A reason takes 60
+bytes or more, so no recording of the server has as many."""
+MAX_CHANGES = 25_000_000
+"""Entries of `add` and `remove` in all steps of a recording. Games have about ten in a step."""
 MAX_RATIO = 1024
 """Bytes of the stream per byte of a closed file.
 
@@ -364,7 +369,7 @@ def frames_with_ends(stream: bytes) -> Iterator[tuple[dict[str, Any], int]]:
     """
     check_magic(stream)
     _check_number(stream)
-    position, notes = len(MAGIC), 0
+    position, totals = len(MAGIC), _Totals()
     while position < len(stream):
         end, fault = _end_of_frame(stream, position)
         if fault:
@@ -374,17 +379,55 @@ def frames_with_ends(stream: bytes) -> Iterator[tuple[dict[str, Any], int]]:
                 return
             raise RecordingError(f"damaged at byte {position}: {fault}")
         frame = frame_value(stream, position, end)
-        notes += notes_in(frame)
-        if notes > MAX_NOTES:
-            raise RecordingError(f"damaged: more than {MAX_NOTES:,} notes")
+        totals.add(frame)
         yield frame, end
         position = end
 
 
+class _Totals:
+    """Counts over the frames of a recording that bound the memory of its readers."""
+
+    def __init__(self) -> None:
+        self.notes = self.reasons = self.changes = 0
+
+    def add(self, frame: dict[str, Any]) -> None:
+        """Count a frame, which need not be valid. RecordingError if a limit is exceeded."""
+        if "notes" in frame:
+            self.notes += notes_in(frame)
+            if self.notes > MAX_NOTES:
+                raise RecordingError(f"damaged: more than {MAX_NOTES:,} notes")
+            self.reasons += _reasons_in(frame)
+            if self.reasons > MAX_REASONS:
+                raise RecordingError(f"damaged: more than {MAX_REASONS:,} reasons for rejections")
+        else:
+            self.changes += _length(frame.get("add")) + _length(frame.get("remove"))
+            if self.changes > MAX_CHANGES:
+                raise RecordingError(f"damaged: more than {MAX_CHANGES:,} changes of facts")
+
+
+def _length(value: object) -> int:
+    return len(value) if isinstance(value, list) else 0
+
+
+def _reasons_in(frame: dict[str, Any]) -> int:
+    """Return the number of reasons in a frame of notes, and of the objects that they name."""
+    notes = frame["notes"] if isinstance(frame["notes"], list) else ()
+    found = 0
+    for note in notes:
+        if isinstance(note, dict) and (reasons := note.get("reasons")):
+            whys = note.get("why")
+            found += _length(reasons)
+            found += sum(
+                _length(why.get("objects"))
+                for why in (whys if isinstance(whys, list) else ())
+                if isinstance(why, dict)
+            )
+    return found
+
+
 def notes_in(frame: dict[str, Any]) -> int:
     """Return the number of notes in a frame, which need not be valid."""
-    notes = frame.get("notes")
-    return len(notes) if isinstance(notes, list) else 0
+    return _length(frame.get("notes"))
 
 
 def frame_ends(stream: bytes, start: int = len(MAGIC)) -> Iterator[int]:

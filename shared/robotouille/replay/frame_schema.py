@@ -94,11 +94,14 @@ MAX_TIMERS = 20_000
 """Timers in a frame."""
 MAX_HOLDS = 100
 """Reasons for a pause in a note."""
-MAX_REASONS = 1_000
-"""Reasons for a rejection."""
+MAX_REASONS = 200
+"""Reasons for a rejection. An action has at most 64 preconditions, and a few arguments."""
+MAX_TEXT = 500_000
+"""Characters of a text in a note or a move. The server accepts 8,000; runs may record more."""
 Players = Field(max_length=MAX_PLAYERS)
 Busy = Annotated[dict[str, int], Players]
-Reasons = Annotated[list[str], Field(max_length=MAX_REASONS)]
+Text = Annotated[str, Field(max_length=MAX_TEXT)]
+Reasons = Annotated[list[Text], Field(max_length=MAX_REASONS)]
 ObjectRow = Annotated[list[str], Field(min_length=3, max_length=3)]
 
 
@@ -175,7 +178,7 @@ class RecordedMove(Frame):
     seq: int
     ms: int
     basis: Index = -1
-    reasoning: str = ""
+    reasoning: Text = ""
 
 
 class StepFrame(Frame):
@@ -259,14 +262,14 @@ class DatedNote(NoteFields):
 
 class RosterNote(DatedNote):
     note: Literal["roster"]
-    player: str
-    name: str
-    kind: str
+    player: Text
+    name: Text
+    kind: Text
     present: bool
     taken: bool
-    controller: str
-    session: str
-    participant: str
+    controller: Text
+    session: Text
+    participant: Text
     generation: int
     why: str = ""
     agent: Annotated[str, Field(max_length=200)] = ""
@@ -274,50 +277,50 @@ class RosterNote(DatedNote):
 
 class ReadyNote(DatedNote):
     note: Literal["ready"]
-    player: str
+    player: Text
     ready: bool
 
 
 class RecordedWhy(Frame):
-    kind: str
-    predicate: str = ""
+    kind: Text
+    predicate: Text = ""
     objects: list[str] = []
     expected: bool = True
 
 
 class RejectedNote(NoteFields):
     note: Literal["rejected"]
-    player: str
+    player: Text
     seq: int
-    action: str
+    action: Text
     reasons: Reasons
     why: Annotated[list[RecordedWhy], Field(max_length=MAX_REASONS)] = []
     code: Annotated[str, Field(pattern=CODE)] = "action/invalid"
-    text: str = ""
+    text: Text = ""
     basis: Index = -1
-    reasoning: str = ""
+    reasoning: Text = ""
     heard: bool = True
 
 
 class QuotaNote(NoteFields):
     note: Literal["quota"]
-    player: str
+    player: Text
 
 
 class SaidNote(NoteFields):
     note: Literal["said"]
-    name: str
-    player: str
-    text: str
+    name: Text
+    player: Text
+    text: Text
     intent: str = ""
     target: str = ""
 
 
 class NotedNote(NoteFields):
     note: Literal["noted"]
-    player: str
-    topic: str
-    text: str
+    player: Text
+    topic: Text
+    text: Text
     more: bool = False
 
 
@@ -332,15 +335,15 @@ class StartedNote(DatedNote):
 
 class AnnouncedNote(NoteFields):
     note: Literal["announced"]
-    text: str
+    text: Text
 
 
 class ModeratedNote(NoteFields):
     note: Literal["moderated"]
     what: Literal["banned", "muted", "unmuted"]
-    session: str
-    participant: str
-    name: str
+    session: Text
+    participant: Text
+    name: Text
 
 
 class PausedNote(DatedNote):
@@ -358,7 +361,7 @@ class RestartedNote(DatedNote):
 
 class RoundTripNote(NoteFields):
     note: Literal["round_trip"]
-    player: str
+    player: Text
     ms: Annotated[float, Field(allow_inf_nan=False)]
 
 
