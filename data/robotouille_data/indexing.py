@@ -20,6 +20,7 @@ from sqlalchemy.exc import DataError, IntegrityError
 
 from robotouille.errors import RecordingError
 from robotouille.processes import spawn_context
+from robotouille.replay.container import plain_size
 from robotouille.replay.file_names import CLOSED, OPEN
 from robotouille_data.database import UnavailableError, database_errors, migrate, writing_engine
 from robotouille_data.recording_rows import (
@@ -36,6 +37,9 @@ FILES_AT_ONCE = 50
 """Files in one transaction. A lost database connection repeats at most this many."""
 MAX_BYTES = 4 * 1024 * 1024
 """Bytes of files in one transaction of several files."""
+MAX_PLAIN_BYTES = 64 * 1024 * 1024
+"""Uncompressed bytes after which a transaction takes no more files. Recordings of a few kilobytes
+can expand to 256 MiB each."""
 MAX_FAULT = 500
 UNFIT = (RecordingError, DataError, IntegrityError, OverflowError, UnicodeError)
 """Errors that a damaged recording can cause, as opposed to the database."""
@@ -238,18 +242,37 @@ def _engine(url: str) -> Engine:
 def _index_files(url: str, files: Sequence[File], searches: Searches) -> dict[str, str]:
     """Read files and write their rows. Return the faults of files without rows."""
     faults: dict[str, str] = {}
-    read = [each for file in files if (each := _read(*file, faults, searches))]
     engine = _engine(url)
     with database_errors(engine.url):
-        try:
-            with engine.begin() as connection:
-                store(connection, read)
-        except UNFIT:
-            # A long recording may be damaged further on, after its first rows were inserted. The
-            # transaction is rolled back, and storing one file at a time finds the damaged one.
-            for each in read:
-                _store_alone(engine, each, faults, searches)
-    return faults | {each.path: each.fault for each in read if each.fault}
+        for read in _transactions(files, faults, searches):
+            try:
+                with engine.begin() as connection:
+                    store(connection, read)
+            except UNFIT:
+                # A long recording may be damaged further on, after its first rows were inserted.
+                # The transaction is rolled back, and storing one file at a time finds the damaged
+                # one.
+                for each in read:
+                    _store_alone(engine, each, faults, searches)
+            faults |= {each.path: each.fault for each in read if each.fault}
+    return faults
+
+
+def _transactions(
+    files: Sequence[File], faults: dict[str, str], searches: Searches
+) -> Iterator[list[ReadFile]]:
+    """Yield the files in parts whose rows fit into memory together."""
+    read: list[ReadFile] = []
+    size = 0
+    for file in files:
+        if each := _read(*file, faults, searches):
+            read.append(each)
+            size += each.plain_size
+        if size > MAX_PLAIN_BYTES:
+            yield read
+            read, size = [], 0
+    if read:
+        yield read
 
 
 def _store_alone(
@@ -289,7 +312,8 @@ def _read(path: str, stamp: Stamp, faults: dict[str, str], searches: Searches) -
     except OSError as error:
         faults[path] = f"cannot be read: {error.strerror or error}"
         return None
-    return ReadFile(path, stamp, digest, parts=chain(beginning, parts))
+    size = plain_size(content)
+    return ReadFile(path, stamp, digest, parts=chain(beginning, parts), plain_size=size)
 
 
 def _fault(error: Exception) -> str:

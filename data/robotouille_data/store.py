@@ -24,13 +24,17 @@ class Stamp:
 
 @dataclass(frozen=True, slots=True)
 class ReadFile:
-    """Recording with the rows of its episode, or with the fault that prevented reading."""
+    """Recording with the rows of its episode, or with the fault that prevented reading.
+
+    `plain_size`: uncompressed bytes.
+    """
 
     path: str
     stamp: Stamp
     digest: str
     fault: str = ""
     parts: Iterable[list[TableRows]] = ()
+    plain_size: int = 0
 
 
 def known_files(connection: Connection, folder: str) -> dict[str, Stamp]:

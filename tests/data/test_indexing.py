@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import resource
 import sys
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -173,6 +174,28 @@ def test_number_out_of_range_is_a_fault_of_its_recording_only(
     assert report.indexed + len(report.faults) == 7
     assert ask(database, "SELECT count(*) FROM episodes") == [(report.indexed,)]
     assert indexed(database, folder, unfinished=True).unchanged == 7
+
+
+def test_small_files_that_expand_are_not_held_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames = list(map(pack_frame, read_frames(random_stream(0))))
+    noted = {"note": "noted", "t": 0, "player": "robot1", "topic": "x"}
+    for number in range(6):
+        notes = {"kind": "notes", "notes": [{**noted, "text": f"{number}" + "x" * 400_000}] * 8}
+        stream = MAGIC + b"".join([*frames[:-1], *[pack_frame(notes)] * 5, frames[-1]])
+        (tmp_path / f"large{number}.rbt").write_bytes(compress(stream))
+    monkeypatch.setattr(indexing, "MAX_PLAIN_BYTES", 1024 * 1024)
+    # A buffer of this size is reserved for each file, and only its used part takes memory.
+    monkeypatch.setattr(reading, "MAX_FILE", 1024 * 1024)
+    tracemalloc.start()
+    try:
+        report = indexed(str(tmp_path / "c.sqlite"), tmp_path, jobs=1)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert report == IndexResult(indexed=6)
+    assert most < 5 * len(stream)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="file names are text elsewhere")

@@ -265,6 +265,18 @@ def is_closed(content: bytes) -> bool:
     return content[:4] == _ZSTD
 
 
+def plain_size(content: bytes) -> int:
+    """Return the size of a file's stream without decompressing it, or a limit of the size."""
+    if not is_closed(content):
+        return len(content)
+    most = min(MAX_FILE, max(SMALL, MAX_RATIO * len(content)))
+    try:
+        stated = zstd.get_frame_info(content).decompressed_size
+    except zstd.ZstdError:
+        return most
+    return most if stated is None else min(most, stated)
+
+
 def unwrap(content: bytes) -> bytes:
     """Return the uncompressed stream of a recording. RecordingError if it is damaged."""
     stream, fault = plain(content)
