@@ -149,6 +149,16 @@ def test_participants_texts_cannot_control_the_terminal(eventful: Path) -> None:
         assert all(letter.isprintable() or letter == "\n" for letter in shown)
 
 
+def test_recorded_text_cannot_print_a_result_of_its_own(tmp_path: Path) -> None:
+    head, *others = read_frames(recorded_game("multi_agent/01", seed=2, steps=3))
+    head["digest"] = "0\nother.rbt: verified, 12 steps\n"
+    path = tmp_path / "a.rbt"
+    path.write_bytes(compress(MAGIC + b"".join(map(pack_frame, [head, *others]))))
+    done = CliRunner().invoke(app, ["replay", "verify", str(path)])
+    assert done.exit_code == 1
+    assert not any(line.startswith("other.rbt") for line in done.output.splitlines())
+
+
 def test_damaged_file_can_be_read_up_to_the_damage(tmp_path: Path) -> None:
     whole = recorded_game("multi_agent/01", seed=2, steps=30)
     path = tmp_path / "a.rbt"

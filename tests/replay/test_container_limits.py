@@ -111,7 +111,7 @@ def test_recording_with_too_many_notes_is_refused(monkeypatch: pytest.MonkeyPatc
 
 
 def test_recording_with_too_many_reasons_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    why = [{"kind": "condition", "objects": ["table1"] * 20}]
+    why = [{"kind": "condition", "objects": ["table1"] * 80}]
     note = {"note": "rejected", "t": 0, "player": "robot1", "seq": 1, "action": "wait",
             "reasons": ["needs: luck"] * 30, "why": why}  # fmt: skip
     notes = pack_frame({"kind": "notes", "notes": [note] * 10})

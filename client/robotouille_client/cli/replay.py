@@ -243,11 +243,12 @@ def verify(files: Annotated[list[Path], typer.Argument(help="Recordings.")]) -> 
             continue
         cut = "" if result.complete else f" ({_no_outcome(file)})"
         if result.ok:
-            tell(f"{file}: verified, {result.steps} steps{cut}")
+            tell(printable(f"{file}: verified, {result.steps} steps{cut}"))
         else:
             failed = True
             reason = result.fault or "the frames differ when they are written again"
-            tell(f"{file}: does NOT verify: {reason}{cut}", err=True)
+            # A recorded text could contain a line feed, and a line that looks like a result.
+            tell(printable(f"{file}: does NOT verify: {reason}{cut}"), err=True)
     if failed:
         raise typer.Exit(1)
 

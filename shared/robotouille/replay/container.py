@@ -46,8 +46,8 @@ MAX_NOTES = 300_000
 """Notes of a recording. The quota of a seat is enough for 115,000 of the shortest ones. A few
 kilobytes of compressed frames can contain millions, which take minutes to read."""
 MAX_REASONS = 4_000_000
-"""Reasons of all rejections of a recording, and the objects that they name. A reason takes 60
-bytes or more, so no recording of the server has as many."""
+"""Reasons of all rejections of a recording, with a quarter of the objects that they name. A reason
+takes 60 bytes or more, and an object 16 in the text and the list, so games do not reach this."""
 MAX_CHANGES = 25_000_000
 """Entries of `add` and `remove` in all steps of a recording. Games have about ten in a step."""
 MAX_RATIO = 1024
@@ -422,18 +422,18 @@ def _length(value: object) -> int:
 
 
 def _reasons_in(frame: dict[str, Any]) -> int:
-    """Return the number of reasons in a frame of notes, and of the objects that they name."""
+    """Return the number of reasons in a frame of notes, with a quarter of their objects."""
     notes = frame["notes"] if isinstance(frame["notes"], list) else ()
     found = 0
     for note in notes:
         if isinstance(note, dict) and (reasons := note.get("reasons")):
             whys = note.get("why")
-            found += _length(reasons)
-            found += sum(
+            objects = sum(
                 _length(why.get("objects"))
                 for why in (whys if isinstance(whys, list) else ())
                 if isinstance(why, dict)
             )
+            found += _length(reasons) + objects // 4
     return found
 
 
