@@ -93,7 +93,7 @@ def test_altered_score_of_a_recording_is_found(tmp_path: Path) -> None:
     assert recording.verify().ok
     assert recording.outcome is not None
     recording.outcome["score"]["points"] += 1
-    assert "score" in recording._wrong_outcome(recording.length, list(recording.states())[-1][1])
+    assert "the outcome has the score" in recording.verify().fault
 
 
 def played_alone(folder: Path, seconds: int) -> Recording:
