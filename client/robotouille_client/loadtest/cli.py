@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robotouille.domain.files import replace_file
 from robotouille.errors import RobotouilleError
 from robotouille.output_files import check_file
 from robotouille.terminal import options_from
@@ -142,6 +141,7 @@ def _plan(options: LoadOptions) -> LoadPlan:
 def _report(load_test: LoadTest, options: LoadOptions) -> None:
     from rich.console import Console
 
+    from robotouille.domain.files import replace_file
     from robotouille_client.loadtest.report import make_report
     from robotouille_client.loadtest.terminal_summary import print_summary
 
