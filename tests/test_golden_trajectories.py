@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import robotouille
-from robotouille.domain.files import read_model
+from robotouille.domain.json_files import read_model
 from robotouille.domain.schema import DomainFile
 from tests.support.samples import quick_sample
 

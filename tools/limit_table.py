@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from robotouille.domain.files import MAX_NESTING
+from robotouille.domain.json_files import MAX_NESTING
 from robotouille.domain.pictures import MAX_OUTLINES, MAX_PICTURE_BYTES, MAX_SHAPES, MAX_SIDE
 from robotouille.episode import quota, rules, submissions
 from robotouille.protocol import codec, messages

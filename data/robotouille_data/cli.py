@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robotouille.domain.files import read_text
 from robotouille.errors import MissingExtraError, RobotouilleError
-from robotouille.output_files import check_file
+from robotouille.files.reading import read_text
+from robotouille.files.writing import check_file
 from robotouille.terminal import options_from, printable, tell
 from robotouille_client.console import explain, fail, name_and_value
 from robotouille_client.console.progress import progress_bar

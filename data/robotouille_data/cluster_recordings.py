@@ -34,9 +34,9 @@ from nats.js import JetStreamContext
 from nats.js.api import ConsumerConfig, DeliverPolicy
 from nats.js.errors import NotFoundError
 
-from robotouille.bounded_nats import bounded_client
-from robotouille.domain.files import whole_file
-from robotouille.nats_address import NatsAddress
+from robotouille.files.writing import whole_file
+from robotouille.nats.address import NatsAddress
+from robotouille.nats.client import bounded_client
 from robotouille.replay.container import MAX_FILE
 from robotouille.replay.file_names import CLOSED, is_recording_name
 from robotouille_data.database import UnavailableError

@@ -106,7 +106,7 @@ def fetching(options: ClusterOptions, folder: Path, stop: Event) -> Callable[[],
         if (error.name or "").partition(".")[0] != "nats":
             raise
         raise MissingExtraError("--cluster", "cluster") from None
-    from robotouille.nats_address import nats_address
+    from robotouille.nats.address import nats_address
 
     address = nats_address(
         options.cluster,

@@ -11,8 +11,8 @@ from math import isfinite, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robotouille.domain.files import whole_file
 from robotouille.errors import MissingExtraError
+from robotouille.files.writing import whole_file
 from robotouille.html_report import require_libraries
 from robotouille.html_report.figures import (
     COLOURS,

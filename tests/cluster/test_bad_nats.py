@@ -15,7 +15,7 @@ from nats.js.errors import APIError, NotFoundError, ServiceUnavailableError
 from nats.js.object_store import ObjectStore
 
 from robotouille.errors import ProtocolError, RobotouilleError
-from robotouille.nats_address import NatsAddress
+from robotouille.nats.address import NatsAddress
 from robotouille.replay.recording import read_recording
 from robotouille_client import Client, Game, connect
 from robotouille_server import Server, ServerSettings, serve

@@ -10,7 +10,7 @@ import pytest
 from nats.js import JetStreamContext
 
 from robotouille.errors import RobotouilleError
-from robotouille.nats_address import NatsAddress
+from robotouille.nats.address import NatsAddress
 from robotouille_server.cluster.bus import Append, Bucket, BusError, Entry, UnavailableError
 from robotouille_server.cluster.nats.nats_bus import NatsBus, nats_bus
 from tests.support.lying_nats import MIB, endless, lying_nats

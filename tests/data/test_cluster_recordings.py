@@ -25,7 +25,7 @@ from nats.js import JetStreamContext
 from nats.js.api import ObjectMeta, ObjectMetaOptions
 
 from robotouille.errors import MissingExtraError
-from robotouille.nats_address import nats_address
+from robotouille.nats.address import nats_address
 from robotouille.replay.container import MAX_FILE, compress
 from robotouille_client.cli.main import app
 from robotouille_data import indexing

@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 pytest.importorskip("nats", reason="needs the extra `cluster`")
 
-from robotouille.nats_address import nats_address
+from robotouille.nats.address import nats_address
 from robotouille_data import cluster_recordings
 from robotouille_data.cluster_recordings import ClusterRecordings
 from robotouille_data.database import UnavailableError

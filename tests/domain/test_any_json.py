@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotouille import FileError, World
-from robotouille.domain.files import validate
 from robotouille.domain.input_bindings import INPUT_FILES
+from robotouille.domain.json_files import validate
 from robotouille.domain.related_files import FileKind, read_extending
 from robotouille.domain.rendering import RENDERING_FILES
 from robotouille.domain.schema import DomainFile, InputFile, ProblemFile

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from robotouille import FileError, World, errors, load_task
-from robotouille.domain.files import validate
+from robotouille.domain.json_files import validate
 from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.errors import Fault
 from tests.support.broken_files import DOMAIN, PROBLEM, build, changed, faults_of, write

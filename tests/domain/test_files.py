@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from robotouille import FileError, load_task
-from robotouille.domain.files import MAX_FILE_BYTES, MAX_NESTING, parse_json, read_json
+from robotouille.domain.json_files import MAX_NESTING, parse_json, read_json
+from robotouille.files.reading import MAX_FILE_BYTES
 
 GOOD = '{"width": 3, "height": 3, "goal": [], "players": [{"name": "robot", "x": 0, "y": 0}]}'
 

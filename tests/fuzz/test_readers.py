@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotouille import RecordingError, RobotouilleError
-from robotouille.domain.files import read_json
+from robotouille.domain.json_files import read_json
 from robotouille.replay.container import MAGIC, read_frames, unwrap
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_evaluation.metrics.rows import read_rows

@@ -13,8 +13,8 @@ pytest.importorskip("matplotlib", reason="needs the extra `bench`")
 pytest.importorskip("pyarrow", reason="needs the extra `bench`")
 pytest.importorskip("av", reason="needs the extra `video`")
 
-from robotouille.domain.files import whole_file
 from robotouille.errors import FileError
+from robotouille.files.writing import whole_file
 from robotouille.replay.container import compress
 from robotouille_client.cli.main import app
 from robotouille_evaluation.models import Completion, Message, ModelRequest, Usage

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from robotouille import FileError, Task
-from robotouille.domain.files import validate
+from robotouille.domain.json_files import validate
 from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.domain.task import build_task
 

@@ -6,7 +6,7 @@ import os
 import subprocess
 
 from robotouille import GroundAction, World
-from robotouille.domain.files import read_model
+from robotouille.domain.json_files import read_model
 from robotouille.domain.schema import InputFile
 from robotouille.installation import data_folder
 from robotouille_client.window.drawing.painter import Painter

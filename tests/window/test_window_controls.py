@@ -10,8 +10,8 @@ from tests.support.golden_hints import GOLDEN, KITCHENS, hints
 from tests.support.scripted import BOILING, after
 
 from robotouille import Timing, World, load_task
-from robotouille.domain.files import read_model
 from robotouille.domain.input_bindings import WINDOW_KEYS, bindings_of, made_up_keys
+from robotouille.domain.json_files import read_model
 from robotouille.domain.rendering import language_of
 from robotouille.domain.schema import InputFile
 from robotouille.installation import data_folder

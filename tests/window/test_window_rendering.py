@@ -10,7 +10,7 @@ import pytest
 from tests.support.window_play import world_of
 
 from robotouille import FileError, load_task
-from robotouille.domain.files import read_model, validate
+from robotouille.domain.json_files import read_model, validate
 from robotouille.domain.related_files import other_renderings
 from robotouille.domain.rendering import RenderingFile, rendering_of
 from robotouille.errors import RobotouilleError

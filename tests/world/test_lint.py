@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from robotouille import GroundAction, World
-from robotouille.domain.files import read_json
+from robotouille.domain.json_files import read_json
 from robotouille.domain.schema import DomainFile
 from robotouille.errors import Fault
 from robotouille.installation import data_folder

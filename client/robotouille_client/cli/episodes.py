@@ -16,9 +16,8 @@ from typing import IO, Annotated, Any, TypeVar
 import typer
 from pydantic import ValidationError
 
-from robotouille.domain.files import whole_file
 from robotouille.errors import Fault, FileError, ProtocolError, RobotouilleError
-from robotouille.output_files import check_file
+from robotouille.files.writing import check_file, whole_file
 from robotouille.protocol import messages
 from robotouille.replay.file_names import iso_time
 from robotouille.terminal import printable, spreadsheet_cell, tell

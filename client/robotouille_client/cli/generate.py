@@ -12,12 +12,11 @@ from typing import Annotated, Any
 
 import typer
 
-from robotouille.domain.files import replace_file
+from robotouille.files.writing import check_folder, replace_file
 from robotouille.generation.generator import ATTEMPTS, Generator, seeds_from
 from robotouille.generation.instance import Instance
 from robotouille.generation.parameters import GenerationError, Kind, Parameters
 from robotouille.generation.shifts import generator_of
-from robotouille.output_files import check_folder
 from robotouille.terminal import options_from, printable_json, tell
 from robotouille_client.console import fail, failing, interruptible
 

@@ -194,7 +194,7 @@ def lint(
 def lint_file(name: str, domain: str | None = None) -> list[Fault]:
     """Return all faults of a task, domain, rendering or input file."""
     from robotouille import load_task
-    from robotouille.domain.files import read_json
+    from robotouille.domain.json_files import read_json
     from robotouille.domain.rendering import RenderingFile
     from robotouille.world.lint import (
         faults_for,

@@ -31,9 +31,8 @@ from robotouille.certification.certificate import (
     write_whole,
 )
 from robotouille.certification.certifying import BUDGET
-from robotouille.domain.files import replace_file
 from robotouille.errors import FileError, RecordingError, RobotouilleError
-from robotouille.output_files import check_file, check_folder
+from robotouille.files.writing import check_file, check_folder, replace_file
 from robotouille.planning import solvers as optimal
 from robotouille.planning.pddl import EncodingStyle, encode
 from robotouille.planning.plan import Limits, read_plan, write_plan

@@ -11,7 +11,7 @@ import typer
 
 from robotouille.episode.rules import Clock
 from robotouille.errors import RobotouilleError
-from robotouille.output_files import check_file
+from robotouille.files.writing import check_file
 from robotouille.terminal import one_of, options_from
 from robotouille.world.lint import sound_task
 from robotouille_client.bots.kinds import OfferedBot

@@ -15,10 +15,9 @@ import typer
 from rich.console import Console
 
 from robotouille.certification.certificate import Deadline
-from robotouille.domain.files import replace_file
 from robotouille.domain.task import Timing
 from robotouille.errors import RobotouilleError
-from robotouille.output_files import check_file
+from robotouille.files.writing import check_file, replace_file
 from robotouille.planning.steps_to_go import Range, StepsLeft, quotient
 from robotouille.replay.annotations import agreement, read_annotations, read_codebook
 from robotouille.replay.annotations import rows as agreement_rows

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from robotouille.errors import RobotouilleError
-from robotouille.output_files import check_file
+from robotouille.files.writing import check_file, replace_file
 from robotouille.terminal import options_from
 from robotouille_client.console import (
     ServerOptions,
@@ -141,7 +141,6 @@ def _plan(options: LoadOptions) -> LoadPlan:
 def _report(load_test: LoadTest, options: LoadOptions) -> None:
     from rich.console import Console
 
-    from robotouille.domain.files import replace_file
     from robotouille_client.loadtest.report import make_report
     from robotouille_client.loadtest.terminal_summary import print_summary
 

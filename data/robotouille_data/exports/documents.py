@@ -19,8 +19,9 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
-from robotouille.domain.files import read_text, whole_file
 from robotouille.errors import FileError
+from robotouille.files.reading import read_text
+from robotouille.files.writing import whole_file
 from robotouille.installation import VERSION
 from robotouille.terminal import printable, printable_json
 from robotouille_data.database import CatalogueError, in_pieces

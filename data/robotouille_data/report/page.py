@@ -11,7 +11,7 @@ from urllib.parse import quote
 
 from sqlalchemy.engine import URL
 
-from robotouille.domain.files import whole_file
+from robotouille.files.writing import whole_file
 from robotouille.html_report import require_libraries
 from robotouille.html_report.page import (
     Block,

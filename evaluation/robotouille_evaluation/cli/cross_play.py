@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robotouille.domain.files import replace_file
 from robotouille.errors import RobotouilleError
-from robotouille.output_files import check_file
+from robotouille.files.writing import check_file, replace_file
 from robotouille.terminal import options_from, printable, tell
 from robotouille_client.console import failing
 

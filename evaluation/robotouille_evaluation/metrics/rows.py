@@ -14,8 +14,8 @@ from typing import Annotated, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from robotouille.domain.files import read_bytes
 from robotouille.errors import Fault, FileError
+from robotouille.files.reading import read_bytes
 
 MAX_NUMBER = 2**53
 """Largest integer that all JSON parsers keep exactly."""

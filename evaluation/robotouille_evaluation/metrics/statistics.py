@@ -15,8 +15,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from robotouille.domain.fast_failing import fast_failing
-from robotouille.domain.files import parse_json, read_text
+from robotouille.domain.json_files import parse_json
 from robotouille.errors import Fault, FileError, RobotouilleError
+from robotouille.files.reading import read_text
 from robotouille.html_report.intervals import Interval
 from robotouille_evaluation.metrics.rows import Category, ResultRow
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 from robotouille import World
-from robotouille.domain.files import parse_json, validate
+from robotouille.domain.json_files import parse_json, validate
 from robotouille.domain.schema import Delayed, DomainFile, EffectDef
 from robotouille.domain.task import complete_domain
 from robotouille.errors import RobotouilleError

@@ -13,7 +13,7 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from robotouille.domain.files import parse_json, validate
+from robotouille.domain.json_files import parse_json, validate
 from robotouille.domain.schema import DomainFile, GoalTerm, ProblemFile
 from robotouille.errors import RobotouilleError
 from robotouille.terminal import printable

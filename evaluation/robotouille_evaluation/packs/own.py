@@ -20,10 +20,11 @@ from typing import Any, get_args
 from robotouille import Task, World, load_task, task_names
 from robotouille.certification.certificate import certificate_path, read_certificate
 from robotouille.certification.dataset import SUFFIX
-from robotouille.domain.files import is_file, read_json, validate
+from robotouille.domain.json_files import read_json, validate
 from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.domain.task import build_task, read_domain
 from robotouille.errors import Fault, FileError, RobotouilleError
+from robotouille.files.reading import is_file
 from robotouille.generation.generator import paper_tasks
 from robotouille.installation import data_folder
 from robotouille.planning import read_plan

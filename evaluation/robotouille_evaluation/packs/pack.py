@@ -19,7 +19,7 @@ from functools import cached_property
 from typing import Any, Literal, TypeVar
 
 from robotouille import Task, World
-from robotouille.domain.files import parse_json, validate
+from robotouille.domain.json_files import parse_json, validate
 from robotouille.domain.schema import DomainFile, ProblemFile, Shift
 from robotouille.domain.task import build_task
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean

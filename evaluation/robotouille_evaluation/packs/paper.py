@@ -16,7 +16,7 @@ from functools import cache, partial
 from importlib.resources import files
 from typing import Any
 
-from robotouille.domain.files import read_json
+from robotouille.domain.json_files import read_json
 from robotouille.domain.task import read_domain
 from robotouille.generation.generator import paper_tasks
 from robotouille.installation import data_folder

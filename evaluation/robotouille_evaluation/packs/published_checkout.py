@@ -13,10 +13,11 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from robotouille.domain.files import is_file, read_json, validate
+from robotouille.domain.json_files import read_json, validate
 from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.domain.task import build_task
 from robotouille.errors import Fault, FileError
+from robotouille.files.reading import is_file
 from robotouille_evaluation.packs.experiment import Experiment
 from robotouille_evaluation.packs.pack import (
     Examples,

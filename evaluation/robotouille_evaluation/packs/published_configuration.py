@@ -16,8 +16,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NoReturn
 
-from robotouille.domain import files
 from robotouille.errors import Fault, FileError, MissingExtraError
+from robotouille.files import reading
 from robotouille_evaluation.packs.experiment import Experiment
 from robotouille_evaluation.packs.experiment_settings import setting_faults
 from robotouille_evaluation.packs.pack import ExampleEpisode, Examples, ExampleStep
@@ -31,7 +31,7 @@ def read_text(path: Path, root: Path) -> str:
     """
     require_inside(path, root)
     try:
-        return files.read_text(path)
+        return reading.read_text(path)
     except OSError as error:
         fault = Fault("", f"cannot be read: {error.strerror or error}")
         raise FileError(str(path), [fault]) from None

@@ -16,8 +16,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NoReturn
 
-from robotouille.domain.files import open_regular
 from robotouille.errors import Fault, FileError
+from robotouille.files.reading import open_regular
 from robotouille_evaluation.packs.pack import FigureData
 from robotouille_evaluation.packs.published_configuration import require_inside
 

@@ -20,8 +20,9 @@ from typing import Any, NoReturn
 from pydantic import TypeAdapter, ValidationError
 
 from robotouille.domain.fast_failing import fast_failing
-from robotouille.domain.files import is_file, parse_json
+from robotouille.domain.json_files import parse_json
 from robotouille.errors import Fault, FileError, did_you_mean
+from robotouille.files.reading import is_file
 from robotouille_evaluation.packs.experiment_settings import setting_faults
 from robotouille_evaluation.packs.pack import Pack, canonical_json, fields_of
 

@@ -12,8 +12,8 @@ from pydantic import BaseModel
 
 from robotouille import World, load_task
 from robotouille.certification.step_limit import plan_beside
-from robotouille.domain.files import replace_file, whole_file
 from robotouille.errors import MissingExtraError, RobotouilleError
+from robotouille.files.writing import replace_file, whole_file
 from robotouille.html_report import require_libraries
 from robotouille.html_report.figures import ReportFigure
 from robotouille_evaluation.metrics.rows import Category, Measure, Number, ResultRow

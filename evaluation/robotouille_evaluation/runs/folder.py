@@ -17,15 +17,10 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from robotouille.domain.files import (
-    LINK,
-    open_own,
-    parse_json,
-    read_text,
-    replace_file,
-    validate,
-)
+from robotouille.domain.json_files import parse_json, validate
 from robotouille.errors import Fault, FileError, RobotouilleError
+from robotouille.files.reading import read_text
+from robotouille.files.writing import LINK, open_own, replace_file
 from robotouille_evaluation.metrics.rows import PackId, ResultRow, read_rows
 from robotouille_evaluation.runs.job_list import EpisodeJob
 from robotouille_evaluation.runs.journal import append_line

@@ -19,8 +19,9 @@ from types import TracebackType
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
-from robotouille.domain.files import open_own, read_bytes, replace_file
 from robotouille.errors import Fault, FileError, RobotouilleError
+from robotouille.files.reading import read_bytes
+from robotouille.files.writing import open_own, replace_file
 from robotouille_evaluation.agents.proposal import Complete, ContextOverflow
 from robotouille_evaluation.models import (
     Completion,

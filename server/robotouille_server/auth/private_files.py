@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from robotouille.private_files import PrivateFileError, read_private
+from robotouille.files.private import PrivateFileError, read_private
 
 __all__ = [
     "Fingerprint",

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 
 from robotouille.errors import RobotouilleError
 from robotouille.installation import RELEASE
-from robotouille.nats_address import nats_address
+from robotouille.nats.address import nats_address
 from robotouille_server.app import Server
 from robotouille_server.auth import key_file, revoked_file
 from robotouille_server.auth.keys import Keyring

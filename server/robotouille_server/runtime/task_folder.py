@@ -14,8 +14,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from robotouille.domain.files import read_json
 from robotouille.domain.input_bindings import bindings_of
+from robotouille.domain.json_files import read_json
 from robotouille.domain.loading import PROBLEM_KEYS, load_task, task_names
 from robotouille.domain.pictures import PictureError, picture_digest, plain_picture
 from robotouille.domain.rendering import rendering_of

@@ -11,8 +11,8 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from robotouille.domain.files import open_regular
 from robotouille.errors import RobotouilleError
+from robotouille.files.reading import open_regular
 from robotouille_server.runtime.logs import get_logger
 
 SUBJECT_ALT_NAME = bytes.fromhex("0603551d11")

@@ -20,11 +20,12 @@ from typing import Annotated, Literal, Protocol
 
 from pydantic import BaseModel, Field
 
-from robotouille.domain.files import read_model, whole_file
+from robotouille.domain.json_files import read_model
 from robotouille.domain.loading import load_task
 from robotouille.domain.schema import Schema
 from robotouille.domain.task import Task, Timing
 from robotouille.errors import Fault, FileError, RobotouilleError
+from robotouille.files.writing import whole_file
 from robotouille.planning.plan import (
     UNLIMITED,
     Limits,

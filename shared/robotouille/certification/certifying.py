@@ -49,9 +49,10 @@ from robotouille.certification.dataset import (
     report_of,
 )
 from robotouille.certification.step_limit import plan_beside
-from robotouille.domain.files import parse_json, read_text, validate
+from robotouille.domain.json_files import parse_json, validate
 from robotouille.domain.task import Task
 from robotouille.errors import Fault, FileError, RobotouilleError
+from robotouille.files.reading import read_text
 from robotouille.planning.plan import Limits, Watch
 from robotouille.processes import spawn_context
 from robotouille.world.world import World

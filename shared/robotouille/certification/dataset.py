@@ -17,7 +17,7 @@ from robotouille.certification.certificate import (
     json_text,
     read_certificate,
 )
-from robotouille.domain.files import read_json
+from robotouille.domain.json_files import read_json
 from robotouille.domain.loading import load_task
 from robotouille.domain.schema import Schema
 from robotouille.domain.task import Task

@@ -7,9 +7,9 @@ from math import ceil
 from pathlib import Path
 
 from robotouille.certification.certificate import load_certificate
-from robotouille.domain.files import is_file
 from robotouille.domain.task import Task, Timing
 from robotouille.errors import FileError, UnknownTaskError
+from robotouille.files.reading import is_file
 from robotouille.planning.plan import Plan, read_plan, replay
 from robotouille.planning.policies.policy import Script
 from robotouille.world.world import World

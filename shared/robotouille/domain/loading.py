@@ -9,10 +9,11 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from robotouille.domain.files import as_in_file, content_kind, is_file, read_json, validate
+from robotouille.domain.json_files import as_in_file, read_json, validate
 from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.domain.task import Task, Timing, build_task, read_domain
 from robotouille.errors import Fault, FileError, UnknownTaskError, WrongArgumentError
+from robotouille.files.reading import content_kind, is_file
 from robotouille.installation import GENERATED, data_folder, matching_names, shipped_names
 
 PROBLEM_KEYS = {"width", "height", "objects", "goal"}

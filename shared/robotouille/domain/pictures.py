@@ -12,8 +12,8 @@ from pathlib import Path
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
-from robotouille.domain.files import open_regular
 from robotouille.errors import RobotouilleError
+from robotouille.files.reading import open_regular
 
 MAX_PICTURE_BYTES = 256 * 1024
 MAX_SIDE = 1024

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, Generic, TypeVar
 
-from robotouille.domain.files import is_file, read_json, validate
+from robotouille.domain.json_files import read_json, validate
 from robotouille.domain.schema import DomainFile, Schema
 from robotouille.errors import Fault, FileError, RobotouilleError, did_you_mean
+from robotouille.files.reading import is_file
 from robotouille.installation import data_folder
 
 KITCHEN_RENDERING = "robotouille.json"

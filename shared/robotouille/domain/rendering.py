@@ -25,7 +25,7 @@ from robotouille.domain.art import (
     as_named,
     as_pictured,
 )
-from robotouille.domain.files import read_model
+from robotouille.domain.json_files import read_model
 from robotouille.domain.related_files import (
     FileKind,
     chain_of,

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from robotouille.domain.domain_checks import check_domain
-from robotouille.domain.files import is_file, read_model, validate
+from robotouille.domain.json_files import read_model, validate
 from robotouille.domain.problem_checks import check_kinds, check_problem
 from robotouille.domain.related_files import FileKind, by, each, read_extending, union
 from robotouille.domain.schema import (
@@ -26,6 +26,7 @@ from robotouille.domain.schema import (
     PublishedDefaults,
 )
 from robotouille.errors import Fault, FileError, did_you_mean
+from robotouille.files.reading import is_file
 from robotouille.installation import data_folder, instance_names
 
 

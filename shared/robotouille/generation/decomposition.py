@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from robotouille.domain.derived import fluents
-from robotouille.domain.files import read_model
+from robotouille.domain.json_files import read_model
 from robotouille.domain.loading import task_names
 from robotouille.domain.schema import DomainFile, ObjectDef, ProblemFile
 from robotouille.domain.task import Task

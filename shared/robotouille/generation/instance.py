@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from robotouille.domain.files import parse_json, validate
+from robotouille.domain.json_files import parse_json, validate
 from robotouille.domain.schema import ObjectDef, ProblemFile, Provenance
 from robotouille.domain.task import Task, build_task
 from robotouille.generation.arrangement import Arrangement, Floorplan

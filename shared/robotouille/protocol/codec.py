@@ -198,7 +198,7 @@ def validated(plain: dict[str, Any], adapter: TypeAdapter[T] | SchemaValidator) 
 
 
 def _unpack_json(payload: str) -> Any:
-    from robotouille.domain.files import parse_json
+    from robotouille.domain.json_files import parse_json
 
     try:
         return parse_json(payload, "message")

@@ -14,7 +14,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
-from robotouille.domain.files import read_json
+from robotouille.domain.json_files import read_json
 from robotouille.domain.schema import Schema
 from robotouille.errors import RobotouilleError
 from robotouille.replay.container import MAX_FRAMES

@@ -22,8 +22,8 @@ from typing import Any
 
 import msgpack
 
-from robotouille.domain.files import content_kind
 from robotouille.errors import RecordingError
+from robotouille.files.reading import content_kind
 
 if sys.version_info >= (3, 14):
     from compression import zstd

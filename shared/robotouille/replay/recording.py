@@ -9,9 +9,9 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from robotouille.domain.files import open_regular
 from robotouille.domain.task import Task
 from robotouille.errors import RecordingError, RobotouilleError, UnknownNameError, WrongWorldError
+from robotouille.files.reading import open_regular
 from robotouille.protocol.states import StateReader, StateWriter
 from robotouille.replay.conduct import Conduct, wrong_outcome
 from robotouille.replay.container import (

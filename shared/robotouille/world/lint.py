@@ -17,8 +17,8 @@ from pathlib import Path
 
 from robotouille.domain.derived import created_kinds, fluents
 from robotouille.domain.domain_checks import check_domain, check_input
-from robotouille.domain.files import as_in_file, known_part, read_json
 from robotouille.domain.input_bindings import INPUT_FILES, made_up_keys
+from robotouille.domain.json_files import as_in_file, known_part, read_json
 from robotouille.domain.loading import load_task
 from robotouille.domain.problem_checks import check_kinds, check_problem
 from robotouille.domain.related_files import (

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from robotouille.domain.art import Art
 from robotouille.domain.derived import created_kinds, domain_kinds, parameter_types
-from robotouille.domain.files import is_file, read_json
+from robotouille.domain.json_files import read_json
 from robotouille.domain.pictures import picture_fault
 from robotouille.domain.related_files import (
     KITCHEN_RENDERING,
@@ -28,6 +28,7 @@ from robotouille.domain.rendering import RENDERING_FILES, Language, RenderingFil
 from robotouille.domain.schema import DomainFile
 from robotouille.domain.task import Task, read_domain
 from robotouille.errors import Fault, FileError, bounded, did_you_mean, most_similar, suggestion
+from robotouille.files.reading import is_file
 from robotouille.installation import data_folder
 
 

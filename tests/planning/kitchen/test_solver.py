@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from robotouille import State, World, load_task
-from robotouille.domain.files import read_model
+from robotouille.domain.json_files import read_model
 from robotouille.domain.schema import DomainFile
 from robotouille.planning.kitchen.solver import PLANNER, kitchen_search
 from robotouille.planning.plan import Limits, Proof, SearchResult, replay

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import robotouille
 from robotouille import FileError, World, load_task
-from robotouille.domain.files import read_model
+from robotouille.domain.json_files import read_model
 from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.domain.task import build_task
 from robotouille.planning.pddl import EncodingStyle, PddlError, encode, read_pddl_plan

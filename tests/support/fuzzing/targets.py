@@ -13,7 +13,7 @@ from pathlib import Path
 
 from robotouille import World, load_task
 from robotouille.certification.certificate import Certificate, check, json_text, read_certificate
-from robotouille.domain.files import read_model
+from robotouille.domain.json_files import read_model
 from robotouille.domain.rendering import RenderingFile
 from robotouille.domain.schema import DomainFile, InputFile, ProblemFile
 from robotouille.domain.task import Task, build_task

@@ -10,13 +10,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from robotouille.certification.step_limit import people_step_limit
-from robotouille.domain.files import replace_file
 from robotouille.domain.loading import load_task
 from robotouille.domain.rendering import NO_WORDS, Language
 from robotouille.domain.task import Task
 from robotouille.episode import Episode, EpisodeEnded, Event, Rules
 from robotouille.episode.rules import Clock
 from robotouille.errors import RecordingError
+from robotouille.files.writing import replace_file
 from robotouille.planning.policies.standing import seat_out_of_the_way
 from robotouille.replay.container import compress
 from robotouille.replay.file_names import CLOSED, file_name

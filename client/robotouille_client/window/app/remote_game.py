@@ -12,7 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal, NamedTuple
 
-from robotouille.domain.files import validate
+from robotouille.domain.json_files import validate
 from robotouille.domain.pictures import (
     MAX_PICTURE_BYTES,
     PictureError,

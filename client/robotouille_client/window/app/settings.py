@@ -17,7 +17,7 @@ from pydantic import (
     model_validator,
 )
 
-from robotouille.domain.files import replace_file
+from robotouille.files.writing import replace_file
 from robotouille_client.window.preferences import Preferences, Word
 
 VERSION = 1

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pygame
 
-from robotouille.domain.files import draft_of, drafted
 from robotouille.errors import MissingExtraError, RobotouilleError
+from robotouille.files.writing import draft_of, drafted
 from robotouille.replay.file_names import recording_stem
 from robotouille.world.world import State
 from robotouille_client.window import parse_size

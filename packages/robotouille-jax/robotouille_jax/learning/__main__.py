@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from robotouille import RobotouilleError, World
-from robotouille.output_files import check_folder
+from robotouille.files.writing import check_folder
 from robotouille_jax.learning.network import Networks
 from robotouille_jax.learning.ppo import Config, Curve, trainer
 from robotouille_jax.learning.results import Training, draw_results, write_results

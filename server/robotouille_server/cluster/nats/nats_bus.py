@@ -37,9 +37,9 @@ from nats.js.errors import (
 )
 from nats.js.kv import KeyValue
 
-from robotouille.bounded_nats import bounded_client
 from robotouille.errors import RobotouilleError
-from robotouille.nats_address import NatsAddress
+from robotouille.nats.address import NatsAddress
+from robotouille.nats.client import bounded_client
 from robotouille_server.cluster.bus import (
     Append,
     Bucket,

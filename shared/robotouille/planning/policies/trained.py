@@ -17,8 +17,8 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from robotouille.domain.files import open_regular
 from robotouille.errors import Fault, FileError, RobotouilleError, WrongWorldError
+from robotouille.files.reading import open_regular
 from robotouille.planning.policies.policy import Did
 from robotouille.world.arrays.encoding import Encoding
 from robotouille.world.grounding.actions import GroundAction

@@ -7,8 +7,8 @@ import stat
 import sys
 from pathlib import Path
 
-from robotouille.domain.files import open_regular
 from robotouille.errors import RobotouilleError
+from robotouille.files.reading import open_regular
 
 
 class PrivateFileError(RobotouilleError):

@@ -1,4 +1,4 @@
-"""Reading of JSON files against a schema, with all their faults, and atomic writing of files.
+"""Reading of JSON files against a schema, with all their faults.
 
 Files may come from anyone, so their size, nesting and fields are checked before use.
 """
@@ -6,18 +6,13 @@ Files may come from anyone, so their size, nesting and fields are checked before
 from __future__ import annotations
 
 import copy
-import errno
 import json
-import os
 import re
-import secrets
-import stat
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import IO, Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, SchemaValidator
@@ -25,88 +20,13 @@ from pydantic_core import ErrorDetails, SchemaValidator
 from robotouille.domain.fast_failing import fast_failing, has_more_values
 from robotouille.domain.schema import EFFECT_KINDS
 from robotouille.errors import Fault, FileError, bounded, did_you_mean
+from robotouille.files.reading import MAX_FILE_BYTES, content_kind, read_bytes
 
-MAX_FILE_BYTES = 4 * 1024 * 1024
 MAX_NESTING = 40
 MANY = 50_000
 """Values of a file from which on only the first fault of each list is reported."""
 
-_NO_WAIT = getattr(os, "O_NONBLOCK", 0)
-_NO_FOLLOW = getattr(os, "O_NOFOLLOW", 0)
-_DEVICES = (Path("/dev"), Path("/dev/fd"))
-"""Folders of standard output and pipes, which are written in place."""
-LINK = "it is a symbolic link, and another file would be changed; delete the link"
-
 M = TypeVar("M", bound=BaseModel)
-
-
-def is_file(path: Path) -> bool:
-    """Return whether a file exists; False also if the name is too long or the folder unreadable."""
-    try:
-        return path.is_file()
-    except OSError:
-        return False
-
-
-_BEGINNINGS = (
-    (b"\x89PNG", "a PNG picture"),
-    (b"\xff\xd8\xff", "a JPEG picture"),
-    (b"%PDF", "a PDF document"),
-    (b"PK\x03\x04", "a ZIP archive"),
-    (b"\x1f\x8b", "a gzip file"),
-    (b"RBTL", "a recording"),
-    (b"\x28\xb5\x2f\xfd", "a Zstandard file, such as a recording"),
-)
-"""First bytes of kinds of files that are often given by mistake."""
-_UTF16 = (b"\xff\xfe", b"\xfe\xff")
-
-
-def content_kind(content: bytes) -> str:
-    """Return what a file's content, or its beginning, looks like, e.g. `a PNG picture`."""
-    if not content:
-        return "an empty file"
-    for beginning, kind in _BEGINNINGS:
-        if content.startswith(beginning):
-            return kind
-    # Text has no control characters except tab, line feed, form feed, carriage return and escape.
-    control = set(range(32)) - {9, 10, 12, 13, 27}
-    if content.startswith(_UTF16) or control.isdisjoint(content[:1024]):
-        return "a text file"
-    return "a binary file"
-
-
-def open_regular(path: Path) -> IO[bytes]:
-    """Open a file for reading.
-
-    Raises:
-        OSError: The path leads to a pipe, a device or a folder, or the file cannot be opened.
-    """
-    # Without `O_NONBLOCK`, opening a named pipe would wait for a program that writes to it.
-    file = open(path, "rb", opener=lambda name, flags: os.open(name, flags | _NO_WAIT))  # noqa: SIM115
-    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-        file.close()
-        raise OSError(errno.EINVAL, "not a regular file", str(path))
-    return file
-
-
-def read_bytes(path: Path, most: int = MAX_FILE_BYTES) -> bytes:
-    """Return the content of a file of at most `most` bytes.
-
-    Raises:
-        OSError: The path leads to a pipe, a device or a folder, or the file cannot be read.
-        FileError: The file is too large.
-    """
-    with open_regular(path) as file:
-        content = file.read(most + 1)
-    if len(content) > most:
-        _fail(path, f"the file is longer than {most:,} bytes")
-    return content
-
-
-def read_text(path: Path, errors: str = "strict", most: int = MAX_FILE_BYTES) -> str:
-    """Return the text of a file in UTF-8, with line feeds as line ends; see `read_bytes`."""
-    text = read_bytes(path, most).decode("utf-8-sig", errors)
-    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def read_json(path: Path) -> Any:
@@ -348,84 +268,3 @@ def _short(value: Any) -> str:
         return "an object"
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
-
-
-@contextmanager
-def whole_file(path: Path, *, text: bool = True, mode: int = 0o666) -> Iterator[IO[Any]]:
-    """Open a file for writing that replaces `path` only if the block succeeds.
-
-    Line endings of text are not converted. A link is replaced itself, not the file it points to.
-
-    Args:
-        mode: Permissions before the umask. A file that only its owner could read stays private.
-
-    Raises:
-        OSError: The file cannot be written; the error names `path`.
-    """
-    kind: dict[str, Any] = {"encoding": "utf-8", "newline": ""} if text else {}
-    if path.parent in _DEVICES:
-        with path.open("w" if text else "wb", **kind) as file:
-            yield file
-        return
-    with (
-        drafted(path, draft_of(path), mode) as draft,
-        draft.open("r+" if text else "r+b", **kind) as file,
-    ):
-        yield file
-
-
-def replace_file(path: Path, content: str | bytes) -> None:
-    """Write a file completely or not at all, like `whole_file`."""
-    with whole_file(path, text=isinstance(content, str)) as file:
-        file.write(content)
-
-
-def draft_of(path: Path) -> Path:
-    """Return an unpredictable name next to `path`, for a file that will replace it."""
-    # In the same folder, because only there a rename is atomic.
-    return path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
-
-
-@contextmanager
-def drafted(path: Path, draft: Path, mode: int = 0o666) -> Iterator[Path]:
-    """Create the file `draft`, which replaces `path` if the block succeeds, else is deleted.
-
-    Raises:
-        OSError: The file cannot be written; the error names `path`.
-    """
-    try:
-        # Folders come from other people: a link or pipe they put there must never be opened.
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _NO_FOLLOW
-        os.close(os.open(draft, flags, mode & 0o600 if _is_private(path) else mode))
-        try:
-            yield draft
-            draft.replace(path)
-        finally:
-            with suppress(OSError):
-                draft.unlink(missing_ok=True)
-    except OSError as error:
-        if error.filename in (None, str(draft)):
-            error.filename = str(path)
-        raise
-
-
-def _is_private(path: Path) -> bool:
-    try:
-        found = path.lstat().st_mode
-    except OSError:
-        return False
-    return stat.S_ISREG(found) and not stat.S_IMODE(found) & 0o077
-
-
-def open_own(path: str, flags: int) -> int:
-    """Open a file that is changed in place; pass this as `opener` to `open` or `FileIO`.
-
-    Raises:
-        OSError: The file is a symbolic link, which may point to any file of the user.
-    """
-    try:
-        return os.open(path, flags | _NO_FOLLOW | _NO_WAIT, 0o666)
-    except OSError as error:
-        if error.errno == errno.ELOOP:
-            error.strerror = LINK
-        raise

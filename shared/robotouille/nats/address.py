@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import SplitResult, urlsplit
 
 from robotouille.errors import RobotouilleError
-from robotouille.private_files import read_private
+from robotouille.files.private import read_private
 
 if TYPE_CHECKING:
     import ssl

@@ -1,0 +1,1 @@
+"""NATS servers: their addresses, and a client that bounds what it reads. It needs `nats-py`."""
