@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from robotouille import State, World
+from robotouille.planning.kitchen.bound.lower_bound import heuristic
+from robotouille.planning.kitchen.bound.scratch import new_scratch
 from robotouille.planning.kitchen.kernels import record
-from robotouille.planning.kitchen.lower_bound import heuristic
-from robotouille.planning.kitchen.scratch import new_scratch
 from robotouille.planning.kitchen.solver import KitchenSearch, kitchen_search
 from robotouille.planning.plan import replay
 from robotouille.planning.solvers import solve

@@ -10,8 +10,7 @@ records of integers instead of sets of facts. To read, in this order:
 `goal_assignments`    from a world's goal to `GoalSpec`s: one for each choice of objects
 `applicable`          useful actions in a state
 `transitions`         effects of actions and of time
-`lower_bound`         the admissible heuristic, with a worked example
-`item_work`, `vessel_work`, `cycle_packing`, `scratch`    parts of the heuristic
+`bound`               the admissible heuristic; `bound.lower_bound` has a worked example
 `nodes`, `search`     A* and greedy search
 `solver`              the optimal planner, within limits
 `plugin`              the interface to other packages, and the anytime search

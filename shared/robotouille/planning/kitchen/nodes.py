@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, NamedTuple
 
+from robotouille.planning.kitchen.bound.lower_bound import heuristic
+from robotouille.planning.kitchen.bound.scratch import DEAD_END, Scratch, new_scratch
 from robotouille.planning.kitchen.compact_state import (
     ACTION_BITS,
     WAIT,
@@ -31,8 +33,6 @@ from robotouille.planning.kitchen.kernels import (
     kernel,
     zeros,
 )
-from robotouille.planning.kitchen.lower_bound import heuristic
-from robotouille.planning.kitchen.scratch import DEAD_END, Scratch, new_scratch
 
 # Open nodes are in stacks, one for each pair of f and h: opening and popping take constant time,
 # where a heap needs log n. The arrays limit f and h; longer plans are out of reach anyway.

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from robotouille.planning.kitchen.applicable import applicable_actions, applicable_moves
+from robotouille.planning.kitchen.bound.lower_bound import heuristic
+from robotouille.planning.kitchen.bound.scratch import DEAD_END
 from robotouille.planning.kitchen.compact_state import (
     WAIT,
     CompactState,
@@ -14,7 +16,6 @@ from robotouille.planning.kitchen.compact_state import (
     unpack_state,
 )
 from robotouille.planning.kitchen.kernels import Ints, kernel
-from robotouille.planning.kitchen.lower_bound import heuristic
 from robotouille.planning.kitchen.nodes import (
     BEST,
     COUNT,
@@ -37,7 +38,6 @@ from robotouille.planning.kitchen.nodes import (
     pop,
     weighted_f,
 )
-from robotouille.planning.kitchen.scratch import DEAD_END
 from robotouille.planning.kitchen.transitions import (
     advance_timers,
     apply_action,

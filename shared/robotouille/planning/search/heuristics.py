@@ -1,6 +1,6 @@
 """Admissible heuristics of A*: lower bounds on the steps to the goal.
 
-Kitchens have their own heuristic (`planning/kitchen/lower_bound.py`), and so has the beam search
+Kitchens have their own heuristic (`planning/kitchen/bound`), and so has the beam search
 (`planning/beam/remaining_work_heuristic.py`).
 """
 

@@ -21,10 +21,10 @@ one put, however often it is interrupted.
 
 from __future__ import annotations
 
+from robotouille.planning.kitchen.bound.scratch import Scratch
+from robotouille.planning.kitchen.bound.vessel_work import is_unmade
 from robotouille.planning.kitchen.compact_state import NONE, POT, CompactState, GoalSpec, Kitchen
 from robotouille.planning.kitchen.kernels import kernel
-from robotouille.planning.kitchen.scratch import Scratch
-from robotouille.planning.kitchen.vessel_work import is_unmade
 
 # The graph has two nodes for each object and one for each meal, which are bits of one integer.
 # Larger kitchens do without this part, which stays a lower bound.

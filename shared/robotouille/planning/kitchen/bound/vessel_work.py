@@ -18,6 +18,7 @@ counts steps about pots. Two cases are subtracted again:
 from __future__ import annotations
 
 from robotouille.planning.kitchen.applicable import is_empty
+from robotouille.planning.kitchen.bound.scratch import DEAD_END, Scratch, walk_before_put, walk_to
 from robotouille.planning.kitchen.compact_state import (
     BOWL,
     FILLING,
@@ -28,7 +29,6 @@ from robotouille.planning.kitchen.compact_state import (
     Kitchen,
 )
 from robotouille.planning.kitchen.kernels import kernel
-from robotouille.planning.kitchen.scratch import DEAD_END, Scratch, walk_before_put, walk_to
 from robotouille.planning.kitchen.transitions import place_of_object
 
 

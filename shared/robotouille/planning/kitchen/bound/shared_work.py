@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from robotouille.planning.kitchen.bound.goal_order import share_place, steps_after_adding
+from robotouille.planning.kitchen.bound.scratch import Scratch
 from robotouille.planning.kitchen.compact_state import GoalSpec, Kitchen
-from robotouille.planning.kitchen.goal_order import share_place, steps_after_adding
 from robotouille.planning.kitchen.kernels import kernel
-from robotouille.planning.kitchen.scratch import Scratch
 
 
 @kernel

@@ -17,9 +17,9 @@ happens, and in each of its three steps the player deals with this item only.
 
 from __future__ import annotations
 
+from robotouille.planning.kitchen.bound.scratch import Scratch, walk_before_put, walk_to
 from robotouille.planning.kitchen.compact_state import NONE, POT, CompactState, GoalSpec, Kitchen
 from robotouille.planning.kitchen.kernels import kernel
-from robotouille.planning.kitchen.scratch import Scratch, walk_before_put, walk_to
 from robotouille.planning.kitchen.transitions import is_done, place_of_object
 
 IMPOSSIBLE = -1

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from robotouille.planning.kitchen.bound.item_work import has_place
+from robotouille.planning.kitchen.bound.scratch import DEAD_END, Scratch, walk_to
 from robotouille.planning.kitchen.compact_state import NONE, CompactState, GoalSpec, Kitchen
-from robotouille.planning.kitchen.item_work import has_place
 from robotouille.planning.kitchen.kernels import kernel
-from robotouille.planning.kitchen.scratch import DEAD_END, Scratch, walk_to
 
 
 @kernel

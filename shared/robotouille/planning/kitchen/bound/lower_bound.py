@@ -35,15 +35,20 @@ larger: 11.
 
 from __future__ import annotations
 
-from robotouille.planning.kitchen.chains import longest_chain, longest_queue
+from robotouille.planning.kitchen.bound.chains import longest_chain, longest_queue
+from robotouille.planning.kitchen.bound.cycle_packing import cycle_packing
+from robotouille.planning.kitchen.bound.item_work import add_item_work
+from robotouille.planning.kitchen.bound.obstacles import add_obstacles, clearing_work
+from robotouille.planning.kitchen.bound.scratch import (
+    DEAD_END,
+    Scratch,
+    clear_scratch,
+    walk_before_put,
+)
+from robotouille.planning.kitchen.bound.shared_work import shared_work
+from robotouille.planning.kitchen.bound.vessel_work import add_vessel_work
 from robotouille.planning.kitchen.compact_state import POT, CompactState, GoalSpec, Kitchen
-from robotouille.planning.kitchen.cycle_packing import cycle_packing
-from robotouille.planning.kitchen.item_work import add_item_work
 from robotouille.planning.kitchen.kernels import kernel
-from robotouille.planning.kitchen.obstacles import add_obstacles, clearing_work
-from robotouille.planning.kitchen.scratch import DEAD_END, Scratch, clear_scratch, walk_before_put
-from robotouille.planning.kitchen.shared_work import shared_work
-from robotouille.planning.kitchen.vessel_work import add_vessel_work
 
 
 # Work. In a step a player walks, deals with one object, or does nothing. So each step belongs to at

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from robotouille.planning.kitchen.bound.cycle_packing import only_station
+from robotouille.planning.kitchen.bound.goal_order import (
+    goes_on_later,
+    share_place,
+    steps_after_adding,
+)
+from robotouille.planning.kitchen.bound.item_work import is_running_here, walk_with_item
+from robotouille.planning.kitchen.bound.scratch import DEAD_END, Scratch, walk_to
 from robotouille.planning.kitchen.compact_state import NONE, CompactState, GoalSpec, Kitchen
-from robotouille.planning.kitchen.cycle_packing import only_station
-from robotouille.planning.kitchen.goal_order import goes_on_later, share_place, steps_after_adding
-from robotouille.planning.kitchen.item_work import is_running_here, walk_with_item
 from robotouille.planning.kitchen.kernels import kernel
-from robotouille.planning.kitchen.scratch import DEAD_END, Scratch, walk_to
 
 
 @kernel

@@ -1,0 +1,1 @@
+"""The admissible heuristic: `lower_bound` and the parts of it."""
