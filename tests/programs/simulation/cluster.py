@@ -4,10 +4,11 @@
     python -m tests.programs.simulation.cluster --seed 1234 --trace
 
 A seed determines everything. Three machines run `ClusterNode` with a `Lobby`; players act in two
-episodes and go from node to node. Nodes are killed, stopped (and continue later as if nothing had
-happened), cut off from NATS or only from its news, and asked to leave. NATS loses its quorum, or
-all messages are slow, lost or repeated for a while. All nodes are killed at once; after a loss of
-power, the last message of a journal also appears late, or disappears.
+episodes and go from node to node. With every second seed, one of them floods all nodes until the
+faults stop. Nodes are killed, stopped (and continue later as if nothing had happened), cut off from
+NATS or only from its news, and asked to leave. NATS loses its quorum, or all messages are slow,
+lost or repeated for a while. All nodes are killed at once; after a loss of power, the last message
+of a journal also appears late, or disappears.
 
 Invariants:
 
@@ -81,6 +82,7 @@ class ClusterSimulation:
         self.context = copy_context()
         self.loop = SimulatedLoop()
         self.ending = self.power_fails = False
+        self.troubled = True
         self.faults: list[str] = []
         self.processes: list[Process] = []
         self.done: Counter[str] = Counter()
@@ -251,6 +253,7 @@ class ClusterSimulation:
 
     def _heal(self) -> None:
         self.trace("fault", "heal")
+        self.troubled = False
         for machine in self.machines:
             machine.bus.heal()
             machine.process.dies_at = None

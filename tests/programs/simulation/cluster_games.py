@@ -6,6 +6,7 @@ import asyncio
 import random
 from typing import TYPE_CHECKING, Any
 
+from robotouille.episode import Phase
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_server.auth import Role
@@ -25,6 +26,10 @@ OPEN_SECONDS = 5.0
 LOST_SECONDS = 1.5
 """Seconds without a sign of the episode after which a player tries another node."""
 MAX_SPECTATORS = 10
+FLOODED = 2
+"""The games of every second seed have a player who floods."""
+FLOOD_SECONDS = 0.02
+"""Longest time between two bursts of a flood."""
 
 
 class Game:
@@ -40,6 +45,8 @@ class Game:
         if clock == "realtime":
             self.options["step_rate"] = chance.choice((1.0, 2.0, 5.0))
         self.players = [Player(self, number) for number in range(seats)]
+        if sim.seed % FLOODED == 0:
+            self.players[-1] = Flooder(self, seats - 1)
 
     @property
     def over(self) -> bool:
@@ -94,25 +101,35 @@ class Player:
     async def play(self) -> None:
         loop, machines = self.game.sim.loop, self.game.sim.machines
         while not self.game.over:
-            await asyncio.sleep(self._chance.uniform(0.1, 0.7))
-            if self._machine is None or loop.time() > self._seen + LOST_SECONDS:
+            await asyncio.sleep(self._pause())
+            lost = loop.time() > self._seen + LOST_SECONDS
+            if self._machine is None or lost or self._impatient:
                 self._machine, self._seen = self._chance.choice(machines), loop.time()
             # The request waits while the process is stopped, and is lost when it dies.
             context = self._machine.process.context.copy()
             loop.call_soon(self._visit, self._machine, context=context)
 
+    @property
+    def _impatient(self) -> bool:
+        """True if messages arrive at all nodes, also while the recording is being written."""
+        return False
+
+    def _pause(self) -> float:
+        """Return the seconds until the next message."""
+        return self._chance.uniform(0.1, 0.7)
+
     def _visit(self, machine: NodeMachine) -> None:
         """Do what a connection does when a message of this player arrives."""
         lobby, sessions = machine.lobby, machine.sessions
         room = lobby.rooms.get(self.game.id) if lobby is not None else None
-        if room is None or sessions is None or room.writing:
+        if room is None or sessions is None or (room.writing and not self._impatient):
             return
         self._seen = self.game.sim.loop.time()
         # As a request does that changes nothing, such as one for a snapshot.
         room._gate.when_committed(self, _nothing)
         try:
             session = self._enter(room, sessions)
-            if not room.writing and not room.episode.ended:
+            if (not room.writing or self._impatient) and not room.episode.ended:
                 self._act(room, session)
         except ProtocolError as error:
             self.game.sim.trace("refused", machine.name, self.session, error)
@@ -151,6 +168,87 @@ class Player:
             index = self._chance.randrange(len(actions)) if actions else None
             self._asked = messages.Act(seq=self._seq, action=index, basis=step)
         room.act(session, self._asked)
+
+
+class Flooder(Player):
+    """Player who sends everything that a client may send, in bursts, while there are faults.
+
+    It then plays on, so that the episode ends.
+    """
+
+    @property
+    def _impatient(self) -> bool:
+        # Each burst is from another connection, so the server reads its first message.
+        return self.game.sim.troubled
+
+    def _pause(self) -> float:
+        return self._chance.uniform(0.0, FLOOD_SECONDS) if self._impatient else super()._pause()
+
+    def _enter(self, room: Room, sessions: Sessions) -> Session:
+        session = super()._enter(room, sessions)
+        if not self._impatient and session.player is None:
+            room.leave(session)
+            return super()._enter(room, sessions)
+        return session
+
+    def _act(self, room: Room, session: Session) -> None:
+        if not self._impatient:
+            if session.player is not None and room.episode.phase is Phase.WAITING:
+                room.set_ready(session, True)
+            super()._act(room, session)
+            return
+        requests = (
+            self._act_anyhow,
+            self._act_anyhow,
+            self._act_anyhow,
+            self._talk,
+            self._write_note,
+            self._change_ready,
+            self._come_back,
+            self._watch,
+            self._leave_and_join,
+        )
+        for _ in range(self._chance.choice((1, 5, 50))):
+            self.game.sim.oracle.counts["flooding requests"] += 1
+            try:
+                self._chance.choice(requests)(room, session)
+            except ProtocolError as error:
+                self.game.sim.trace("flood refused", self.session, error.code)
+            # The server reads nothing more from this connection until the recording is written.
+            if room.writing or room.episode.ended or session.room is not room:
+                return
+
+    def _act_anyhow(self, room: Room, session: Session) -> None:
+        seq = room.episode.seat(session.player).seq if session.player is not None else 0
+        action = self._chance.choice((None, 0, 1, 7, 10_000, "fly", "x" * 2000))
+        basis = room.episode.step + self._chance.choice((-1, 0, 0, 1))
+        number = max(1, seq + self._chance.choice((-1, 0, 1, 2)))
+        room.act(session, messages.Act(seq=number, action=action, basis=max(0, basis)))
+
+    def _talk(self, room: Room, session: Session) -> None:
+        self._said += 1
+        room.say(session, f"{self.session}/{self._said}")
+
+    def _write_note(self, room: Room, session: Session) -> None:
+        room.note(session, messages.Note(topic="flood", text="x" * self._chance.choice((1, 8000))))
+
+    def _change_ready(self, room: Room, session: Session) -> None:
+        room.set_ready(session, self._chance.random() < 0.7)
+
+    def _come_back(self, room: Room, session: Session) -> None:
+        """Lose the connection and come back."""
+        room.check_return(session.id)
+        room.connection_lost(session)
+        session.generation += 1
+        room.connection_back(session, None)
+
+    def _watch(self, room: Room, session: Session) -> None:
+        room.leave(session)
+        room.enter(session, messages.Join(episode=room.code, role="spectator"), MAX_SPECTATORS)
+
+    def _leave_and_join(self, room: Room, session: Session) -> None:
+        room.leave(session)
+        room.enter(session, messages.Join(episode=room.code), MAX_SPECTATORS)
 
 
 def _nothing() -> None:
