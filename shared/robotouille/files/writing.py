@@ -120,7 +120,8 @@ def drafted(path: Path, draft: Path, mode: int = 0o666) -> Iterator[Path]:
                 draft.unlink(missing_ok=True)
     except OSError as error:
         if error.filename in (None, str(draft)):
-            error.filename = str(path)
+            with suppress(AttributeError):  # Errors of PyAV have a read-only name.
+                error.filename = str(path)
         raise
 
 
