@@ -137,9 +137,9 @@ class Client:
         return self.protocol.addresses.others
 
     @property
-    def limits_sight(self) -> bool:
+    def opens_limited_sight(self) -> bool:
         """True if players see a part of the kitchen in episodes that `create` opens by default."""
-        return self.protocol.limits_sight
+        return self.protocol.opens_limited_sight
 
     @property
     def game(self) -> Game | None:

@@ -272,7 +272,7 @@ class Conversation:
             role=session.role.value,
             grace=room.grace if room is not None else services.settings.grace,
             readiness=True,
-            limits_sight=services.settings.rules().limited_sight is not None,
+            opens_limited_sight=services.settings.rules().limited_sight is not None,
             workers=services.worker.addresses() if session.role.includes(Role.HOST) else [],
             nodes=services.cluster.nodes if services.cluster is not None else [],
         )

@@ -84,8 +84,8 @@ class ClientProtocol(Generic[G]):
         welcomed: True if a server has ever welcomed the client.
         resumed: True if the last welcome continued the session of the connection before.
         readiness: True if the server supports `ready`.
-        limits_sight: True if players see a part of the kitchen in episodes that are opened without
-            rules about it.
+        opens_limited_sight: True if players see a part of the kitchen in episodes that are opened
+            without rules about it.
         workers: Addresses of the server's processes, for hosts and operators, if there are several.
         farewell: The reason why the client is CLOSED; empty if its owner closed it.
     """
@@ -109,7 +109,7 @@ class ClientProtocol(Generic[G]):
         self.reconnect = reconnect
         self.resume = resume
         self.role = ""
-        self.readiness = self.limits_sight = False
+        self.readiness = self.opens_limited_sight = False
         self.workers: tuple[messages.WorkerAddress, ...] = ()
         self.game: G | None = None
         self.membership: messages.Join | None = None
@@ -427,7 +427,7 @@ class ClientProtocol(Generic[G]):
                 self._first.append(pending.request)
         self.resume, self.role = welcome.resume, welcome.role
         self.readiness, self.workers = welcome.readiness, tuple(welcome.workers)
-        self.limits_sight = welcome.limits_sight
+        self.opens_limited_sight = welcome.opens_limited_sight
         self.resumed = welcome.resumed
         self._online_since, self.welcomed, self._moves = now, True, 0
         self.addresses.reached(welcome.nodes)

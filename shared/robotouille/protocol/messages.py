@@ -493,7 +493,7 @@ class Welcome(FromServer):
     readiness: bool = Field(
         default=False, description="True if the server supports `ready`, also in `join`."
     )
-    limits_sight: bool = Field(
+    opens_limited_sight: bool = Field(
         default=False,
         description="True if players see a part of the kitchen in episodes that are opened without "
         "`sight` and `sight_blocked`.",

@@ -169,7 +169,7 @@ def require_whole_kitchens(client: Client) -> None:
     Raises:
         RobotouilleError: Their players see a part of the kitchen, and windows need all of it.
     """
-    if client.limits_sight:
+    if client.opens_limited_sight:
         raise RobotouilleError(
             "players of this server see a part of the kitchen, and the window needs all of it; "
             "language models (robotouille-bot llm) play there"
