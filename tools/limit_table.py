@@ -258,6 +258,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
     ),
     "Episodes": (
         Limit("Episodes that have not ended", "{max_episodes}", CREATE, "server/full"),
+        Limit("Free space on the recordings' disk below which no episodes are opened",
+              "{min_free_space} MiB", CREATE, "server/full"),
         Limit("Open rematches requested by one participant", f"{rematches.MAX_OPEN}", CREATE,
               "rate/episodes"),
         Limit("Rematches that players request of a game and of its rematches",

@@ -331,7 +331,7 @@ def first_room(server: Server) -> Room | None:
     try:
         return server.lobby.create(messages.Create(), owner=SERVER)
     except ProtocolError as error:
-        if error.code != "server/recording":
+        if error.code not in ("server/recording", "server/full"):
             raise
         get_logger().error("first episode not opened", reason=error.message)
         return None

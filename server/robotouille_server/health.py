@@ -58,12 +58,24 @@ class System:
 class Health:
     """Latest sample of all measurements.
 
+    Args:
+        folder: Folder of the recordings.
+        reserve: Free bytes of its disk below which no episodes are opened.
+
     Attributes:
         disk_problem: The reason why the disk of the recordings cannot be measured, or empty.
         suppressed: The log lines that were suppressed in the last minute.
     """
 
-    def __init__(self, metrics: Metrics, folder: Path | None, system: System | None = None) -> None:
+    def __init__(
+        self,
+        metrics: Metrics,
+        folder: Path | None,
+        system: System | None = None,
+        *,
+        reserve: int = 0,
+    ) -> None:
+        self.reserve = reserve
         self.disk: Disk | None = None
         self.disk_problem = ""
         self.descriptors: int | None = None
@@ -154,11 +166,14 @@ def _disk(health: Health) -> Iterator[Alert]:
     disk = health.disk
     if health.disk_problem:
         yield Alert("disk", health.disk_problem, "critical")
-    elif disk is not None and (
-        disk.free < DISK_FREE_BYTES or disk.free < DISK_FREE_SHARE * disk.size
-    ):
-        share = disk.free / max(disk.size, 1)
-        text = f"the recordings' disk has {_size(disk.free)} ({share:.1%}) left"
+        return
+    if disk is None:
+        return
+    share = disk.free / max(disk.size, 1)
+    text = f"the recordings' disk has {_size(disk.free)} ({share:.1%}) left"
+    if disk.free < health.reserve:
+        yield Alert("disk", f"{text}, so no episodes are opened", "critical")
+    elif disk.free < DISK_FREE_BYTES or share < DISK_FREE_SHARE:
         yield Alert("disk", text, "critical" if disk.free < DISK_CRITICAL else "warning")
 
 

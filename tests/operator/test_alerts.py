@@ -63,6 +63,16 @@ def test_nearly_full_disk(tmp_path: Path, disk: Disk, severity: str, words: str)
     on_machine(tmp_path, check)
 
 
+def test_disk_without_space_for_new_episodes() -> None:
+    machine = Machine()
+    health = Health(Metrics(), Path.cwd(), machine, reserve=2 * GIB)
+    for now, (free, severities) in enumerate([(2 * GIB, []), (2 * GIB - 1, ["critical"])]):
+        machine.free = Disk(free, 10 * GIB)
+        health.sample(now * SAMPLE_SECONDS, [])
+        assert [alert.severity for alert in found(health)] == severities
+    assert "2 GiB (20.0%) left, so no episodes are opened" in found(health)[0].text
+
+
 def test_missing_recordings_folder(tmp_path: Path) -> None:
     async def check(server: Server, api: Api, machine: Machine) -> None:
         (tmp_path / "r").rmdir()

@@ -13,14 +13,16 @@ import pytest
 
 from robotouille.replay.recording import read_recording
 from robotouille_server import Server
+from robotouille_server.cli import first_room
 from robotouille_server.rooms.recording import write_ahead
 from robotouille_server.rooms.recording.storage import Folder
 from robotouille_server.rooms.room import Room
 from robotouille_server.transport.peer import MAX_UNSENT, Peer
-from tests.support.disks import FullDisk
+from tests.support.disks import FullDisk, NearlyFull
 from tests.support.servers import Raw, raw, serving, with_clients
 from tests.support.virtual_time import virtual
 
+MIB = 1024 * 1024
 HELLO = {"type": "hello", "protocol": 1, "name": "ada"}
 
 
@@ -31,6 +33,36 @@ async def seated(ada: Raw, bob: Raw, **options: object) -> dict[str, Any]:
     joined = await ada.ask(join, "joined")
     assert (await bob.ask(join, "joined"))["type"] == "joined"
     return joined
+
+
+@virtual
+async def test_nearly_full_disk_is_left_to_running_episodes(tmp_path: Path) -> None:
+    disk = NearlyFull(tmp_path)
+    async with serving(tmp_path, storage=disk, min_free_space=100) as server:
+        async with raw(server) as ada, raw(server) as bob, raw(server) as eve:
+            joined = await seated(ada, bob, max_steps=3)
+            disk.free = 100 * MIB - 1
+            refused = await eve.ask({"type": "create"})
+            assert refused["code"] == "server/full"
+            assert "disk for recordings is nearly full" in refused["message"]
+            for number in range(3):
+                for player in (ada, bob):
+                    await player.send({"type": "act", "seq": number + 1, "action": None})
+            assert (await ada.expect("ended"))["outcome"]["reason"] == "step_limit"
+            again = {"type": "create", "rematch": joined["code"]}
+            assert (await ada.ask(again))["code"] == "server/full"
+            disk.free = 100 * MIB
+            assert (await ada.ask(again, "created"))["type"] == "created"
+
+
+@virtual
+async def test_server_with_a_nearly_full_disk_starts(tmp_path: Path) -> None:
+    disk = NearlyFull(tmp_path)
+    disk.free = 0
+    async with serving(tmp_path, storage=disk) as server:
+        assert first_room(server) is None
+    async with serving(tmp_path, storage=disk, min_free_space=0) as server:
+        assert first_room(server) is not None
 
 
 class Unclosable(Folder):

@@ -6,7 +6,7 @@ import errno
 
 from robotouille_server.rooms.recording.storage import Appender, FileCondition, Folder
 
-__all__ = ["FullDisk", "TroubledFolder", "WrappedFile"]
+__all__ = ["FullDisk", "NearlyFull", "TroubledFolder", "WrappedFile"]
 
 
 class TroubledFolder(Folder):
@@ -17,6 +17,15 @@ class TroubledFolder(Folder):
 
     def create(self, name: str) -> Appender:
         return _TroubledFile(self, name, super().create(name))
+
+
+class NearlyFull(Folder):
+    """Folder on a disk of which a test sets the free space."""
+
+    free = 2**40
+
+    def free_space(self) -> int:
+        return self.free
 
 
 class WrappedFile:

@@ -43,6 +43,7 @@ MAX_LISTED = 500
 """Episodes in one answer to `list`."""
 MAX_ENDED = 256
 """Ended episodes whose rooms are kept, apart from those in which participants are connected."""
+MIB = 1024 * 1024
 INSPECTION_SECONDS = 5.0
 """Seconds between two inspections of all open recordings."""
 NOBODY = Asker(frozenset())
@@ -74,6 +75,8 @@ class Lobby:
         self._metrics = metrics
         self._sessions = sessions
         self._worker = around.worker
+        # The recordings of a cluster are in NATS.
+        self._storage = around.storage if around.cluster is None else None
         self._draining = False
         self._observers: list[RoomObserver] = []
         self._codes = JoinCodes(around.randomness, around.worker)
@@ -179,6 +182,7 @@ class Lobby:
         if len(self._live) >= self._settings.max_episodes:
             message = f"{len(self._live)} episodes are running already; try again later"
             raise ProtocolError("server/full", message)
+        self._check_space()
         # Sessions without a token have no pseudonym to count by, so only the total limit applies to
         # them.
         if not owner:
@@ -191,6 +195,19 @@ class Lobby:
         if not reserved and own >= settings.max_episodes_per_owner:
             message = f"{own} of your episodes are running already; end one of them first"
             raise ProtocolError("rate/episodes", message)
+
+    def _check_space(self) -> None:
+        """Leave the last space on the disk to the episodes that run already."""
+        least = self._settings.min_free_space * MIB
+        if self._storage is None or not least:
+            return
+        try:
+            free = self._storage.free_space()
+        except OSError:  # The error of creating the recording says more.
+            return
+        if free < least:
+            message = "the disk for recordings is nearly full; ask the server's operator for space"
+            raise ProtocolError("server/full", message)
 
     def _add(self, room: Room) -> Room:
         self.rooms[room.id] = room

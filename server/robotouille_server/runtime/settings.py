@@ -120,6 +120,11 @@ class ServerSettings(BaseSettings):
     record: bool = Field(
         True, description="Record every episode. Without recordings, a restart ends all episodes."
     )
+    min_free_space: Annotated[int, Field(ge=0)] = Field(
+        256,
+        description="Free space on the recordings' disk, in MiB, below which no episodes are "
+        "opened; 0 removes the limit. Running episodes continue.",
+    )
     state: Path | None = Field(
         None,
         description="Folder for keys, revoked tokens and the audit log. Default: the name of "

@@ -78,7 +78,7 @@ class ErrorCode(StrEnum):
     """`bye` only: another connection used the resume or role token of the seat."""
 
     SERVER_FULL = "server/full"
-    """The server has too many episodes."""
+    """The server has too many episodes, or its disk is nearly full."""
     SERVER_DRAINING = "server/draining"
     """The server is about to restart and creates no episodes. Try again soon."""
     SERVER_HANDOVER = "server/handover"

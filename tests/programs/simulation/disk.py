@@ -67,6 +67,9 @@ class Disk:
         if self.on_closed is not None:
             self.on_closed(name, content)
 
+    def free_space(self) -> int:
+        return 2**40
+
     def remove(self, name: str) -> None:
         self._alive()
         self._content(name)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import shutil
 import stat
 import sys
 from enum import Enum
@@ -75,6 +76,9 @@ class Storage(Protocol):
     def remove(self, name: str) -> None:
         """Delete a file."""
 
+    def free_space(self) -> int:
+        """Return the free bytes of the disk."""
+
 
 class Folder:
     """Folder on disk."""
@@ -128,6 +132,9 @@ class Folder:
 
     def remove(self, name: str) -> None:
         self._file(name).unlink()
+
+    def free_space(self) -> int:
+        return shutil.disk_usage(self.path).free
 
     def _file(self, name: str) -> Path:
         # Names also come from the operator's requests for recordings, such as `../keys.json`.
