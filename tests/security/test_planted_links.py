@@ -35,6 +35,8 @@ COMMANDS = [
     ("replay export {}/a.rbt --out {}/x.jsonl", "x.jsonl"),
     ("replay page {}/a.rbt {}/x.html", "x.html"),
     ("replay video {}/a.rbt {}/x.gif --size 160x120", "x.gif"),
+    ("replay play {}/a.rbt --screenshot {}/x.png --size 320x240", "x.png"),
+    ("play synchronous/01 --screenshot {}/x.jpg --size 320x240", "x.jpg"),
     ("pddl synchronous/01 --out {}", "domain.pddl"),
 ]
 
@@ -47,8 +49,12 @@ def precious(tmp_path: Path) -> Path:
 
 
 def plant(path: Path, target: Path) -> None:
-    """Replace a file, and the drafts that earlier versions wrote for it, by links."""
-    drafts = f".{path.name}.tmp", f"{path.stem}.part{path.suffix}", f"{path.stem}.new"
+    """Replace a file, and the drafts that this and earlier versions write for it, by links."""
+    drafts = (
+        *(f".{path.name}.{middle}tmp" for middle in ("", "0.", "1.")),
+        f"{path.stem}.part{path.suffix}",
+        f"{path.stem}.new",
+    )
     for link in (path, *map(path.with_name, drafts)):
         link.unlink(missing_ok=True)
         link.symlink_to(target)

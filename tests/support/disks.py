@@ -20,7 +20,7 @@ class TroubledFolder(Folder):
 
 
 class NearlyFull(Folder):
-    """Folder on a disk of which a test sets the free space."""
+    """Folder on a disk with configurable free space."""
 
     free = 2**40
 

@@ -164,8 +164,13 @@ class Window:
             # Drawing a picture on first use would delay that frame.
             self._painter.preload(surface.get_size(), PRELOAD_SECONDS)
 
-    def screenshot(self, path: Path | str) -> None:
-        """Save the window's contents as a picture."""
+    def screenshot(self, path: Path) -> None:
+        """Save the window's contents as a picture.
+
+        Raises:
+            OSError: The file cannot be written.
+            pygame.error: The suffix is not that of a picture.
+        """
         self._display.save(path)
 
     def close(self) -> None:

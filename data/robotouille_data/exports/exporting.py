@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import secrets
-import shutil
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,6 +17,7 @@ import sqlalchemy as sa
 from sqlalchemy.engine import URL, Connection
 
 from robotouille.errors import MissingExtraError
+from robotouille.files.drafts import drafted_folder
 from robotouille_data.database import CatalogueError, catalogue_version, in_pieces
 from robotouille_data.exports.documents import (
     CODEBOOK,
@@ -74,17 +73,11 @@ def whole_folder(folder: Path) -> Iterator[Path]:
     """
     if folder.is_symlink() or (folder.exists() and (not folder.is_dir() or any(folder.iterdir()))):
         raise CatalogueError(f"{folder} already exists; choose a new folder or delete it first")
-    # The draft is next to the folder, on the same disk, so that renaming it is atomic. Its random
-    # name keeps concurrent exports apart.
-    draft = folder.with_name(f".{folder.name}.{secrets.token_hex(4)}.part")
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        draft.mkdir()
-        try:
+        with drafted_folder(folder) as draft:
             yield draft
             draft.rename(folder)
-        finally:
-            shutil.rmtree(draft, ignore_errors=True)
     except OSError as error:
         raise CatalogueError(f"{folder} cannot be written: {error.strerror or error}") from None
 

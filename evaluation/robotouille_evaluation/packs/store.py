@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
@@ -22,6 +21,7 @@ from pydantic import TypeAdapter, ValidationError
 from robotouille.domain.fast_failing import fast_failing
 from robotouille.domain.json_files import parse_json
 from robotouille.errors import Fault, FileError, did_you_mean
+from robotouille.files.drafts import draft_of, drafted_folder
 from robotouille.files.reading import is_file
 from robotouille_evaluation.packs.experiment_settings import setting_faults
 from robotouille_evaluation.packs.pack import Pack, canonical_json, fields_of
@@ -49,25 +49,30 @@ def write_pack(pack: Pack, folder: Path) -> None:
     """
     if folder.exists() and not _replaceable(folder):
         _fail(folder, "already contains something that is not a pack; choose another folder")
-    # Next to the folder: a rename must not cross file systems.
-    draft = folder.with_name(f".{folder.name}.{os.getpid()}.part")
-    old = folder.with_name(f".{folder.name}.{os.getpid()}.old")
     try:
-        draft.mkdir(parents=True)
-        for name, text in _files(pack).items():
-            (draft / name).write_bytes(text.encode())
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with drafted_folder(folder) as draft:
+            for name, text in _files(pack).items():
+                (draft / name).write_bytes(text.encode())
+            _put_in_place(draft, folder)
+    except OSError as error:
+        _fail(folder, f"cannot be written: {error.strerror or error}")
+
+
+def _put_in_place(draft: Path, folder: Path) -> None:
+    """Rename a draft to `folder`, and delete the earlier folder."""
+    old = draft_of(folder, "old")
+    try:
         if folder.exists():
             folder.replace(old)
         draft.replace(folder)
-    except OSError as error:
-        _fail(folder, f"cannot be written: {error.strerror or error}")
     finally:
         with suppress(OSError):
             if old.exists() and not folder.exists():
                 old.replace(folder)
-        shutil.rmtree(draft, ignore_errors=True)
         # After the new pack is in place, a failure to delete the old one does no harm.
-        shutil.rmtree(old, ignore_errors=True)
+        if folder.exists():
+            shutil.rmtree(old, ignore_errors=True)
 
 
 def read_pack(folder: Path, *, digest: str | None = None) -> Pack:

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import errno
 import os
-import secrets
-import stat
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
 from robotouille.errors import RobotouilleError
+from robotouille.files.drafts import NO_FOLLOW, NO_WAIT, drafted
 
-_NO_WAIT = getattr(os, "O_NONBLOCK", 0)
-_NO_FOLLOW = getattr(os, "O_NOFOLLOW", 0)
 _DEVICES = (Path("/dev"), Path("/dev/fd"))
 """Folders of standard output and pipes, which are written in place."""
 LINK = "it is a symbolic link, and another file would be changed; delete the link"
@@ -83,7 +80,7 @@ def whole_file(path: Path, *, text: bool = True, mode: int = 0o666) -> Iterator[
             yield file
         return
     with (
-        drafted(path, draft_of(path), mode) as draft,
+        drafted(path, mode=mode) as draft,
         draft.open("r+" if text else "r+b", **kind) as file,
     ):
         yield file
@@ -95,44 +92,6 @@ def replace_file(path: Path, content: str | bytes) -> None:
         file.write(content)
 
 
-def draft_of(path: Path) -> Path:
-    """Return an unpredictable name next to `path`, for a file that will replace it."""
-    # In the same folder, because only there a rename is atomic.
-    return path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
-
-
-@contextmanager
-def drafted(path: Path, draft: Path, mode: int = 0o666) -> Iterator[Path]:
-    """Create the file `draft`, which replaces `path` if the block succeeds, else is deleted.
-
-    Raises:
-        OSError: The file cannot be written; the error names `path`.
-    """
-    try:
-        # Folders come from other people: a link or pipe they put there must never be opened.
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _NO_FOLLOW
-        os.close(os.open(draft, flags, mode & 0o600 if _is_private(path) else mode))
-        try:
-            yield draft
-            draft.replace(path)
-        finally:
-            with suppress(OSError):
-                draft.unlink(missing_ok=True)
-    except OSError as error:
-        if error.filename in (None, str(draft)):
-            with suppress(AttributeError):  # Errors of PyAV have a read-only name.
-                error.filename = str(path)
-        raise
-
-
-def _is_private(path: Path) -> bool:
-    try:
-        found = path.lstat().st_mode
-    except OSError:
-        return False
-    return stat.S_ISREG(found) and not stat.S_IMODE(found) & 0o077
-
-
 def open_own(path: str, flags: int) -> int:
     """Open a file that is changed in place; pass this as `opener` to `open` or `FileIO`.
 
@@ -140,7 +99,7 @@ def open_own(path: str, flags: int) -> int:
         OSError: The file is a symbolic link, which may point to any file of the user.
     """
     try:
-        return os.open(path, flags | _NO_FOLLOW | _NO_WAIT, 0o666)
+        return os.open(path, flags | NO_FOLLOW | NO_WAIT, 0o666)
     except OSError as error:
         if error.errno == errno.ELOOP:
             error.strerror = LINK

@@ -7,11 +7,13 @@ import os
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pygame
 
+from robotouille.files.writing import replace_file
 from robotouille.installation import data_folder
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.input.commands import Command, Gamepads, KeyMap
@@ -111,10 +113,12 @@ class Display:
         self.toggle_fullscreen()
         return True
 
-    def save(self, path: Path | str) -> None:
-        """Save the contents as a picture."""
+    def save(self, path: Path) -> None:
+        """Save the contents as a picture, which replaces a link at the path."""
         if self._surface is not None:
-            pygame.image.save(self._surface, path)
+            content = BytesIO()
+            pygame.image.save(self._surface, content, path.name)
+            replace_file(path, content.getvalue())
 
     def close(self) -> None:
         if self._surface is not None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pygame
 
 from robotouille.errors import MissingExtraError, RobotouilleError
-from robotouille.files.writing import draft_of, drafted
+from robotouille.files.drafts import draft_of, drafted
 from robotouille.replay.file_names import recording_stem
 from robotouille.world.world import State
 from robotouille_client.window import parse_size
@@ -107,16 +107,16 @@ def filming(
     )
     frames = frames_of(_states(history, first, last), options)
     total = (last - first + 1) * frames_per_step + hold
-    yield from _written(frames, output, draft or draft_of(output), fps, total)
+    yield from _written(frames, output, draft, fps, total)
 
 
 def _written(
-    frames: Iterable[pygame.Surface], output: Path, draft: Path, fps: int, total: int
+    frames: Iterable[pygame.Surface], output: Path, draft: Path | None, fps: int, total: int
 ) -> Iterator[tuple[int, int]]:
     """Write frames to a draft, and rename it when it is complete."""
     try:
-        with drafted(output, draft):
-            for done in write_video(draft, frames, fps, output.suffix):
+        with drafted(output, draft) as file:
+            for done in write_video(file, frames, fps, output.suffix):
                 yield min(done, total - 1), total
         yield total, total
     except ValueError as error:

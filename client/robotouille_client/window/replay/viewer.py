@@ -298,7 +298,8 @@ def watch(
     except (OSError, pygame.error) as error:
         if screenshot is None:
             raise
-        raise RobotouilleError(f"{screenshot}: cannot be written: {error}") from None
+        why = error.strerror if isinstance(error, OSError) else error
+        raise RobotouilleError(f"{screenshot}: cannot be written: {why}") from None
     finally:
         viewer.close()
 

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from robotouille.files.writing import whole_file
+
 Numbers = npt.NDArray[np.float64]
 
 WINDOW = 5
@@ -60,7 +62,7 @@ def interval(values: Numbers) -> tuple[float, float]:
 
 def write_curves(path: Path, all_curves: Sequence[RunCurves]) -> None:
     """Write curves as CSV."""
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with whole_file(path) as file:
         writer = csv.writer(file)
         writer.writerow(FIELDS)
         for curves in all_curves:
@@ -105,7 +107,8 @@ def draw(path: Path, tables: Sequence[Path]) -> None:
             panel.set_xlabel("million joint steps")
         panels[0, column].set_title(task, fontsize=9)
         panels[0, column].legend(fontsize=8)
-    figure.savefig(path, dpi=110)
+    with whole_file(path, text=False) as file:
+        figure.savefig(file, dpi=110)
 
 
 LABELS = {
