@@ -11,6 +11,7 @@ import gc
 import os
 import signal
 import subprocess
+import tempfile
 import time
 from collections.abc import Generator
 from typing import Any
@@ -21,6 +22,8 @@ from hypothesis import settings
 from tests.support.thorough import FACTOR
 
 os.environ.setdefault("ROBOTOUILLE_COMPILE", "0")
+_state = tempfile.TemporaryDirectory(prefix="robotouille-state-")
+os.environ["XDG_STATE_HOME"] = _state.name
 # Shells ignore interrupts in background jobs, and child processes inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import os
 import sqlite3
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -23,6 +24,8 @@ from sqlalchemy.engine import URL, Connection, Engine, make_url
 from sqlalchemy.pool import NullPool
 
 from robotouille.errors import RobotouilleError
+from robotouille.files.writing import LINK
+from robotouille_data.own_catalogues import create, is_own
 
 
 class CatalogueError(RobotouilleError):
@@ -36,6 +39,8 @@ class UnavailableError(CatalogueError):
 T = TypeVar("T")
 
 DEFAULT_FILE = "catalogue.sqlite"
+COMPANIONS = ("-wal", "-shm", "-journal")
+"""Endings of the files that SQLite keeps next to a database."""
 LOCK_SECONDS = 60
 """Time to wait for another writer."""
 CONNECT_SECONDS = 10
@@ -50,13 +55,11 @@ def database_url(database: str | None, folder: Path) -> URL:
 
     Raises:
         CatalogueError: The URL is invalid or names another kind of database, or the folder's
-            catalogue is a link.
+            catalogue is a link or was not made here.
     """
     if database is None:
         database = str(folder / DEFAULT_FILE)
-        # A folder from other people could make the index change any database of the user.
-        if Path(database).is_symlink():
-            raise CatalogueError(f"{database}: it is a symbolic link; name its file by --database")
+        _check_own(Path(database))
     if "://" not in database:
         return URL.create("sqlite", database=str(Path(database).absolute()))
     try:
@@ -69,6 +72,50 @@ def database_url(database: str | None, folder: Path) -> URL:
         case "postgresql" | "postgres":
             return url.set(drivername="postgresql+psycopg")
     raise CatalogueError(f"{url.get_backend_name()} is not supported; use SQLite or PostgreSQL")
+
+
+def _check_own(path: Path) -> None:
+    """Raise CatalogueError if a folder's catalogue may be that of another person."""
+    # A folder from other people could make the index change any database of the user.
+    if path.is_symlink():
+        raise CatalogueError(f"{path}: it is a symbolic link; name its file by --database")
+    if path.exists() and not is_own(path):
+        raise CatalogueError(
+            f"{path}: you have not made it on this computer, so it may be wrong. Delete it, and the"
+            " recordings are indexed again. If you trust it, name it by --database"
+        )
+
+
+def _check_companions(path: Path) -> None:
+    """Raise CatalogueError if SQLite would write through a link, or use files of another database.
+
+    SQLite reads these files before it reads the database, and copies their content into it.
+    """
+    place = os.path.realpath(path)
+    for ending in COMPANIONS:
+        companion = Path(f"{place}{ending}")
+        if companion.is_symlink():
+            raise CatalogueError(f"{companion}: {LINK}")
+        if companion.exists() and not path.exists():
+            raise CatalogueError(f"{companion}: its database is missing; delete this file, too")
+
+
+def create_file(url: URL) -> None:
+    """Create the file of an SQLite catalogue, if it is missing.
+
+    Raises:
+        CatalogueError: Files of another database are next to it.
+        UnavailableError: The file cannot be written.
+    """
+    if url.drivername != "sqlite" or not url.database:
+        return
+    path = Path(url.database)
+    _check_companions(path)
+    try:
+        create(path)
+    except OSError as error:
+        why = f"cannot be written: {error.strerror or error}"
+        raise UnavailableError(f"{error.filename or path}: {why}") from None
 
 
 def _shown(url: URL) -> str:
@@ -135,7 +182,9 @@ def read_only_engine(url: URL) -> Engine:
 
     def connect() -> sqlite3.Connection:
         # A URI and not SQLAlchemy's URL, because only a URI can open a file read-only.
-        return sqlite3.connect(uri, uri=True, timeout=LOCK_SECONDS)
+        connection = sqlite3.connect(uri, uri=True, timeout=LOCK_SECONDS)
+        connection.execute("PRAGMA trusted_schema=OFF")
+        return connection
 
     return sa.create_engine("sqlite://", creator=connect, poolclass=NullPool)
 
@@ -144,7 +193,7 @@ def read_only_uri(url: URL) -> str:
     """Return the URI that opens an SQLite catalogue read-only.
 
     Raises:
-        CatalogueError: There is no such file.
+        CatalogueError: There is no such file, or files of another database are next to it.
     """
     path = Path(url.database or "")
     if not path.is_file():
@@ -152,6 +201,7 @@ def read_only_uri(url: URL) -> str:
             f"{path}: no catalogue; create it with `robotouille data index FOLDER`, or set --folder"
             " or --database"
         )
+    _check_companions(path)
     mode = "mode=ro"
     if not os.access(path.parent, os.W_OK) and not Path(f"{path}-wal").exists():
         mode = "immutable=1"  # SQLite cannot create its WAL files next to it.
@@ -200,6 +250,7 @@ def _prepare_sqlite(connection: sqlite3.Connection, _: object) -> None:
     connection.isolation_level = None  # SQLAlchemy begins transactions, with a lock.
     # With a write-ahead log, queries read while an indexer writes. A crash of the machine may lose
     # the last transactions but never damages the file, and indexing repeats them.
+    connection.execute("PRAGMA trusted_schema=OFF")
     connection.execute("PRAGMA journal_mode=WAL")
     connection.execute("PRAGMA synchronous=NORMAL")
     connection.execute("PRAGMA cache_size=-65536")
@@ -219,12 +270,15 @@ def migrate(connection: Connection, folder: Path = MIGRATIONS) -> None:
     Raises:
         CatalogueError: The catalogue has a later version.
     """
+    if not _is_current(connection, folder):
+        _upgrade(connection, folder, "head")
+
+
+def _upgrade(connection: Connection, folder: Path, target: str) -> None:
     script = _script(folder)
-    if _is_current(connection, script):
-        return
 
     def upgrade(revision: Any, _: Any) -> Any:
-        return script._upgrade_revs("head", revision)
+        return script._upgrade_revs(target, revision)
 
     with EnvironmentContext(Config(), script, fn=upgrade) as environment:
         environment.configure(connection=connection, transactional_ddl=True)
@@ -237,7 +291,7 @@ def check_version(connection: Connection, folder: Path = MIGRATIONS) -> None:
     Raises:
         CatalogueError: The catalogue has another version or does not exist.
     """
-    if not _is_current(connection, _script(folder)):
+    if not _is_current(connection, folder):
         raise CatalogueError(
             "the catalogue is missing or has an earlier version;"
             " run `robotouille data index FOLDER`"
@@ -253,9 +307,49 @@ def _script(folder: Path) -> ScriptDirectory:
     return ScriptDirectory(str(MIGRATIONS), version_locations=[str(folder)])
 
 
-def _is_current(connection: Connection, script: ScriptDirectory) -> bool:
+def _is_current(connection: Connection, folder: Path) -> bool:
+    script = _script(folder)
     found = MigrationContext.configure(connection).get_current_revision()
     known = {each.revision for each in script.walk_revisions()}
     if found is not None and found not in known:
         raise CatalogueError(f"the catalogue has a later version ({found}); update robotouille")
+    if connection.dialect.name == "sqlite":
+        _check_objects(connection, _made_objects(folder, found))
     return found == script.get_current_head()
+
+
+def _check_objects(connection: Connection, expected: Mapping[str, str]) -> None:
+    """Check that tables and views are as migrations make them, and that there are no triggers.
+
+    A view or a generated column could show other values, and a trigger change them.
+    """
+    found = _objects(connection)
+    wrong = {name for name, made in expected.items() if found.get(name) != made}
+    wrong |= {name for name in found if name.startswith("trigger ")}
+    if not expected:  # Without a version, there should be no tables yet.
+        wrong |= found.keys() - {"table alembic_version"}
+    if wrong:
+        message = f"{min(wrong)} is not as Robotouille makes it; index into a new catalogue"
+        raise CatalogueError(f"the catalogue was changed: {message}")
+
+
+def _objects(connection: Connection) -> dict[str, str]:
+    """Return the definitions of an SQLite file's tables, indices, views and triggers."""
+    # A hostile file may have many and long ones.
+    query = "SELECT type, name, substr(sql, 1, 20000) FROM sqlite_master LIMIT 10000"
+    rows = connection.exec_driver_sql(query)
+    return {
+        f"{kind} {name}": " ".join((sql or "").split())
+        for kind, name, sql in rows
+        if not name.startswith("sqlite_")
+    }
+
+
+@cache
+def _made_objects(folder: Path, revision: str | None) -> dict[str, str]:
+    """Return what `_objects` returns for a catalogue of a version."""
+    if revision is None:
+        return {}
+    with sa.create_engine("sqlite://").begin() as connection:
+        _upgrade(connection, folder, revision)
+        return _objects(connection)

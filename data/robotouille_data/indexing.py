@@ -22,7 +22,13 @@ from robotouille.errors import RecordingError
 from robotouille.processes import spawn_context
 from robotouille.replay.container import plain_size
 from robotouille.replay.file_names import CLOSED, OPEN
-from robotouille_data.database import UnavailableError, database_errors, migrate, writing_engine
+from robotouille_data.database import (
+    UnavailableError,
+    create_file,
+    database_errors,
+    migrate,
+    writing_engine,
+)
 from robotouille_data.recording_rows import (
     NO_SEARCHES,
     Searches,
@@ -170,6 +176,7 @@ def _prepare(
     Returns:
         The known files, and the files without a measure of `searches`.
     """
+    create_file(url)
     engine, known = writing_engine(url), dict[str, Stamp]()
     with database_errors(url), engine.begin() as connection:
         migrate(connection)

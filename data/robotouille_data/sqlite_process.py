@@ -134,6 +134,7 @@ def answer_frames(uri: str, query: str, lock_seconds: float) -> Iterator[Row]:
     # Three barriers: the file is opened read-only, writes are disabled, and the authorizer allows
     # only reading. Without it, `ATTACH` could open other files.
     connection.execute("PRAGMA query_only=ON")
+    connection.execute("PRAGMA trusted_schema=OFF")
     connection.set_authorizer(
         lambda action, *_: sqlite3.SQLITE_OK if action in ALLOWED else sqlite3.SQLITE_DENY
     )

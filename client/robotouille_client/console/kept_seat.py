@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 
+from robotouille.files.private import user_state
 from robotouille_client.client import Client
 from robotouille_client.game import Game
 
@@ -138,5 +139,4 @@ def _locked(path: Path) -> int | None:
 
 def state_folder() -> Path:
     """Return the folder of this user's kept seats."""
-    home = os.environ.get("XDG_STATE_HOME")
-    return (Path(home) if home else Path.home() / ".local" / "state") / "robotouille" / "seats"
+    return user_state("seats")

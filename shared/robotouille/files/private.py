@@ -11,6 +11,12 @@ from robotouille.errors import RobotouilleError
 from robotouille.files.reading import open_regular
 
 
+def user_state(name: str) -> Path:
+    """Return a folder of this user for what commands remember."""
+    home = os.environ.get("XDG_STATE_HOME")
+    return (Path(home) if home else Path.home() / ".local" / "state") / "robotouille" / name
+
+
 class PrivateFileError(RobotouilleError):
     """A file cannot be used. The message names the file and the fault."""
 
