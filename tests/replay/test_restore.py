@@ -21,6 +21,7 @@ from robotouille.episode import (
     Reason,
     Rules,
 )
+from robotouille.replay import container
 from robotouille.replay.container import MAGIC, pack_frame
 from robotouille.replay.recorder import HeaderDetails, Recorder, header
 from robotouille.replay.recording import Recording
@@ -128,7 +129,7 @@ def continued(first: bytes, whole: bytes, *, but_last: int = 2) -> Restored | No
     restoration = Restoration(Recording(first), 900.0)
     for _ in restoration.replay(but_last=but_last):
         pass
-    if not restoration.continue_with(Recording(whole)):
+    if not restoration.continue_with(restoration.recording.extended(whole)):
         return None
     for _ in restoration.replay():
         pass
@@ -167,6 +168,32 @@ def test_episode_is_restored_while_its_recording_grows(clock: Clock) -> None:
 def test_recording_that_begins_differently_is_not_continued() -> None:
     first, other = Game().play(20), Game().play(21, seed=1)
     assert continued(first.bytes, other.bytes) is None
+
+
+@thorough(40)
+@given(st.data())
+def test_recording_that_is_extended_equals_the_whole_one(data: st.DataObject) -> None:
+    game = played(data.draw(st.sampled_from(list(Clock))))
+    other = data.draw(st.booleans())
+    whole = Game().play(21, seed=1).bytes if other else game.bytes
+    cut = data.draw(st.integers(len(game.begin), len(game.bytes)))
+    first, expected = Recording(game.bytes[:cut]), Recording(whole)
+    found = first.extended(whole)
+    for name in ("header", "whole", "length", "count", "note_count", "outcome"):
+        assert getattr(found, name) == getattr(expected, name)
+    assert found.frames == expected.frames
+    assert first.frames == Recording(game.bytes[:cut]).frames
+
+
+def test_limits_of_a_recording_count_what_it_had_before_it_was_extended(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    game = played(Clock.REALTIME)
+    first = Recording(game.bytes)
+    monkeypatch.setattr(container, "MAX_NOTES", first.note_count)
+    note = pack_frame({"kind": "notes", "notes": [{}]})
+    with pytest.raises(RecordingError, match="more than"):
+        first.extended(game.bytes + note)
 
 
 @pytest.mark.slow

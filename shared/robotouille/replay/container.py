@@ -18,6 +18,7 @@ import struct
 import sys
 import zlib
 from collections.abc import Collection, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import msgpack
@@ -373,15 +374,22 @@ def read_frames(stream: bytes) -> Iterator[dict[str, Any]]:
     return (frame for frame, _ in frames_with_ends(stream))
 
 
-def frames_with_ends(stream: bytes) -> Iterator[tuple[dict[str, Any], int]]:
+def frames_with_ends(
+    stream: bytes, position: int = len(MAGIC), totals: Totals | None = None
+) -> Iterator[tuple[dict[str, Any], int]]:
     """Yield the frames of a stream up to a tear, each with the position of its end.
+
+    Args:
+        stream: The stream.
+        position: The position of the first frame to yield.
+        totals: The counts over the frames before it, to which these frames are added.
 
     Raises:
         RecordingError: A frame is damaged. The message has the position of its first byte.
     """
     check_magic(stream)
     _check_number(stream)
-    position, totals = len(MAGIC), _Totals()
+    totals = totals or Totals()
     while position < len(stream):
         end, fault = _end_of_frame(stream, position)
         if fault:
@@ -396,11 +404,13 @@ def frames_with_ends(stream: bytes) -> Iterator[tuple[dict[str, Any], int]]:
         position = end
 
 
-class _Totals:
+@dataclass(slots=True)
+class Totals:
     """Counts over the frames of a recording that bound the memory of its readers."""
 
-    def __init__(self) -> None:
-        self.notes = self.reasons = self.changes = 0
+    notes: int = 0
+    reasons: int = 0
+    changes: int = 0
 
     def add(self, frame: dict[str, Any]) -> None:
         """Count a frame, which need not be valid. RecordingError if a limit is exceeded."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Collection, Generator, Iterable, Iterator
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import takewhile
@@ -17,6 +18,7 @@ from robotouille.replay.conduct import Conduct, wrong_outcome
 from robotouille.replay.container import (
     MAGIC,
     MAX_FILE,
+    Totals,
     check_magic,
     frame_ends,
     frame_value,
@@ -130,19 +132,39 @@ class Recording:
         yield from recording._go_through(closed)
         return recording
 
+    def extended(self, stream: bytes) -> Recording:
+        """Return the recording of a stream that has more frames.
+
+        The frames that both streams begin with are not decoded again.
+
+        Raises:
+            RecordingError: The stream is damaged.
+        """
+        if not stream.startswith(self.stream[: self.whole]):
+            return Recording(stream, self.source)
+        longer = copy(self)
+        for outdated in ("frames", "steps", "participants"):
+            longer.__dict__.pop(outdated, None)
+        longer.stream, longer._totals = stream, copy(self._totals)
+        for _ in longer._go_through(closed=False):
+            pass
+        return longer
+
     def _begin(self, stream: bytes, source: str) -> None:
         self.source = source
         self.stream = stream
         check_magic(stream)
         self.header: dict[str, Any] = {}
-        self.whole = 0
+        self.whole = len(MAGIC)
+        self._totals = Totals()
         self.length = self.count = self.note_count = 0
         self.outcome: dict[str, Any] | None = None
         self.damage = ""
 
     def _go_through(self, closed: bool) -> Generator[int, None, None]:
         """Check every frame, and that a closed recording is complete."""
-        for number, (frame, end) in enumerate(frames_with_ends(self.stream)):
+        frames = frames_with_ends(self.stream, self.whole, self._totals)
+        for number, (frame, end) in enumerate(frames, self.count):
             if not number and frame.get("kind") != "header":
                 break
             check_frame(frame, number)
@@ -170,13 +192,19 @@ class Recording:
         Args:
             states: False if the caller ignores the fields in `STATE_FIELDS`, which may be missing.
         """
-        position, without = len(MAGIC), () if states else STATE_FIELDS
-        for end in self._each_end():
-            yield frame_value(self.stream, position, end, checked=True, without=without)
+        without = () if states else STATE_FIELDS
+        return (frame for frame, _ in self.frames_from(len(MAGIC), without))
+
+    def frames_from(
+        self, position: int, without: Collection[str] = ()
+    ) -> Iterator[tuple[dict[str, Any], int]]:
+        """Yield the frames from a position on, each with the position of its end."""
+        for end in self._each_end(position):
+            yield frame_value(self.stream, position, end, checked=True, without=without), end
             position = end
 
-    def _each_end(self) -> Iterator[int]:
-        return takewhile(lambda end: end <= self.whole, frame_ends(self.stream))
+    def _each_end(self, position: int = len(MAGIC)) -> Iterator[int]:
+        return takewhile(lambda end: end <= self.whole, frame_ends(self.stream, position))
 
     @cached_property
     def frames(self) -> list[dict[str, Any]]:

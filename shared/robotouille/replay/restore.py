@@ -27,6 +27,7 @@ from robotouille.episode import (
 from robotouille.episode.events import ACTION_INVALID
 from robotouille.episode.quota import NOTE_BYTES, Quota, size_of_note, size_of_rejection
 from robotouille.errors import RecordingError
+from robotouille.replay.container import MAGIC
 from robotouille.replay.measures import controller_of, rejection_kind
 from robotouille.replay.recording import Comparison, Recording
 from robotouille.world.grounding.actions import GroundAction
@@ -99,6 +100,9 @@ class Restoration:
 
     The frames are verified and restored in one pass, so that each is decoded and re-simulated once.
 
+    Attributes:
+        recording: The recording.
+
     Raises:
         RecordingError: The recording has invalid rules.
     """
@@ -107,7 +111,7 @@ class Restoration:
         self, recording: Recording, now: float, world_of: Callable[[Task], World] = World
     ) -> None:
         recording.world = world_of(recording.task)
-        self._recording = recording
+        self.recording = recording
         self._comparison = Comparison(recording)
         treatments = _treatments(recording)
         self._episode = Episode(recording.world, _rules(recording), now, treatments=treatments)
@@ -115,7 +119,7 @@ class Restoration:
         # The re-simulation never asks for a frame that is not there yet.
         self._frames = deque[dict[str, Any]]()
         self._resimulated = recording.resimulated_frames(_taken_from(self._frames))
-        self._done = 0
+        self._done, self._position = 0, len(MAGIC)
 
     def replay(self, *, but_last: int = 0) -> Generator[None, None, None]:
         """Replay the next frames, except the last ones.
@@ -123,21 +127,22 @@ class Restoration:
         Raises:
             RecordingError: The recording does not re-simulate.
         """
-        recording = self._recording
-        for frame in islice(recording.each_frame(), self._done, max(0, recording.count - but_last)):
+        recording = self.recording
+        frames = recording.frames_from(self._position)
+        for frame, end in islice(frames, max(0, recording.count - but_last - self._done)):
             self._frames.append(frame)
             _, _, written = next(self._resimulated)
             self._comparison.add(written)
             if not self._comparison.same:
                 raise _DifferentError(f"{recording.source}: does not re-simulate")
             self._replayer.frame(recording, frame)
-            self._done += 1
+            self._done, self._position = self._done + 1, end
             yield
 
     def continue_with(self, longer: Recording) -> bool:
         """Go on with a recording that has more frames; return False if it begins differently."""
-        longer.world = self._recording.world
-        self._recording = longer
+        longer.world = self.recording.world
+        self.recording = longer
         return not self._comparison.missing and self._comparison.continue_with(longer)
 
     def finish(self, now: float, patience: float) -> Restored:
@@ -146,7 +151,7 @@ class Restoration:
         Raises:
             RecordingError: The recording does not re-simulate.
         """
-        recording, episode, replayer = self._recording, self._episode, self._replayer
+        recording, episode, replayer = self.recording, self._episode, self._replayer
         if not self._comparison.reaches_the_end:
             raise _DifferentError(f"{recording.source}: does not re-simulate")
         outcome = recording.outcome
