@@ -18,6 +18,10 @@ from robotouille_client import Client, Game, connect
 from robotouille_server.auth.roles import Role
 from robotouille_server.cli import _first_of_cluster
 from robotouille_server.cluster.bus import Bucket, Entry, Stored, UnavailableError
+from robotouille_server.cluster.episodes.claims import Claims
+from robotouille_server.cluster.episodes.directory import EpisodeRecord
+from robotouille_server.cluster.episodes.handing_over import Offer
+from robotouille_server.cluster.episodes.journal import ReplicatedJournal
 from robotouille_server.cluster.service import ClusterService
 from robotouille_server.requests import Opening
 from tests.support.buses import Handler, SimulatedBus, SimulatedNats
@@ -430,6 +434,93 @@ class TestHandOver:
             await leaving
             assert nodes.owner(created.episode) is not owner
             assert max(after - before for before, after in pairwise(times)) < 1.0
+
+    @virtual
+    async def test_a_game_waits_for_no_reading_while_it_is_handed_over(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        loop = asyncio.get_running_loop()
+
+        def delayed(name: str) -> None:
+            method = getattr(SimulatedBus, name)
+
+            async def later(bus: SimulatedBus, *arguments: Any) -> Any:
+                await asyncio.sleep(3.0)
+                return await method(bus, *arguments)
+
+            monkeypatch.setattr(SimulatedBus, name, later)
+
+        async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+            created = await ada.create("training/01", clock="realtime", step_rate=5.0)
+            game = await ada.join(created.code)
+            await until(game, 5)
+            for name in ("read", "last", "get"):
+                delayed(name)
+            owner = nodes.owner(created.episode)
+            leaving = asyncio.create_task(owner.leave())
+            times = [loop.time()]
+            for reached in range(6, 40):
+                await until(game, reached)
+                times.append(loop.time())
+            await leaving
+            assert nodes.owner(created.episode) is not owner
+            assert max(after - before for before, after in pairwise(times)) < 0.5
+
+    @virtual
+    async def test_a_slow_game_is_handed_over_just_after_a_step(self, tmp_path: Path) -> None:
+        """A whole period follows each pause, so a step would be late by up to two periods."""
+        loop = asyncio.get_running_loop()
+        async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+            created = await ada.create("training/01", clock="realtime", step_rate=1.25)
+            game = await ada.join(created.code)
+            await until(game, 3)
+            times = [loop.time()]
+            await asyncio.sleep(0.6)
+            owner = nodes.owner(created.episode)
+            leaving = asyncio.create_task(owner.leave())
+            for reached in range(4, 8):
+                await until(game, reached)
+                times.append(loop.time())
+            await leaving
+            assert nodes.owner(created.episode) is not owner
+            assert max(after - before for before, after in pairwise(times)) < 0.8 + 0.2
+
+    @virtual
+    async def test_an_episode_is_handed_over_although_nothing_is_prepared(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        async def fail(claims: Claims, record: EpisodeRecord) -> None:
+            raise UnavailableError("NATS does not answer")
+
+        monkeypatch.setattr(Claims, "prepare", fail)
+        async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+            game = await ada.join((await ada.create("training/01", move_budget=0)).code)
+            await step(game)
+            owner = nodes.owner(game.episode)
+            await owner.leave()
+            await step(game)
+            assert game.step == 2
+            assert nodes.owner(game.episode) is not owner
+
+    @virtual
+    async def test_an_offer_of_an_earlier_moment_changes_nothing(self, tmp_path: Path) -> None:
+        async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+            game = await ada.join((await ada.create("training/01", move_budget=0)).code)
+            owner = nodes.owner(game.episode)
+            other = nodes.others(owner)[0]
+            record = other.cluster.node.directory.find(game.episode)
+            assert record is not None
+            journal = owner.server.lobby.rooms[game.episode].journal
+            assert isinstance(journal, ReplicatedJournal)
+            journal.keep_tail()
+            await other.cluster.node.claims.prepare(record)
+            offer = Offer(owner.cluster.node.name, journal.tail)
+            assert offer.tail is not None
+            await step(game)
+            assert await other.cluster.node.claims.claim(record, offer) == "another node was first"
+            await step(game)
+            assert game.step == 2
+            assert nodes.owner(game.episode) is owner
 
     @virtual
     async def test_node_that_was_suspended_asks_nobody_to_adopt_what_it_has_lost(

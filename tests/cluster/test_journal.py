@@ -261,6 +261,63 @@ async def course(seed: int) -> None:
         raise AssertionError(f"seed {seed}: {error}") from error
 
 
+@pytest.mark.parametrize("start", quick_sample(range(0, 300, BLOCK), 2))
+def test_tail_completes_what_another_node_has_read(
+    start: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "MAX_PIECE", PIECE)
+    monkeypatch.setattr(module, "MAX_TAIL", 1_000_000)
+    for seed in range(start, start + BLOCK):
+        simulate(tail_course(seed))
+
+
+async def tail_course(seed: int) -> None:
+    """Read a journal at some time while it is written, and complete it from the tail later."""
+    chance = random.Random(seed)
+    quality = Quality(jitter=chance.choice((0.0, 0.01, 0.5)), lost=chance.choice((0.0, 0.1)))
+    nats = SimulatedNats(chance, quality)
+    keeper = Keeper(nats, "a")
+    writer = Writer(keeper, 0)
+    journal = writer.journal
+
+    async def write(times: int) -> None:
+        for _ in range(times):
+            writer.add(chance.choice((0, 5, 100)))
+            await asyncio.sleep(chance.expovariate(20))
+
+    await write(chance.randint(0, 10))
+    journal.keep_tail()
+    await write(chance.randint(0, 10))
+    known = assembled(nats.storage.messages(EPISODE))
+    await write(chance.randint(0, 10))
+    while (tail := journal.tail) is None:
+        await asyncio.sleep(0.1)
+    whole = assembled(nats.storage.messages(EPISODE))
+    assert known[: tail.start] + tail.data == whole, f"seed {seed}"
+    assert tail.data.startswith(known[tail.start :]), f"seed {seed}"
+    keeper.stop()
+
+
+@simulated
+async def test_a_journal_has_no_tail_while_a_write_is_under_way_or_if_it_is_long() -> None:
+    nats = SimulatedNats(random.Random(1))
+    keeper = Keeper(nats, "a")
+    writer = Writer(keeper, 0)
+    assert writer.journal.tail is None
+    await asyncio.sleep(1)
+    writer.journal.keep_tail()
+    assert writer.journal.tail is not None
+    writer.add()
+    assert writer.journal.tail is None
+    await asyncio.sleep(1)
+    assert writer.journal.tail is not None
+    writer.add(module.MAX_TAIL)
+    await asyncio.sleep(1)
+    assert writer.journal.settled
+    assert writer.journal.tail is None
+    keeper.stop()
+
+
 # Faults that the reference finds
 
 

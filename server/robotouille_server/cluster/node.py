@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable, Coroutine, Iterable
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -28,6 +27,7 @@ from robotouille_server.cluster.bus import (
 from robotouille_server.cluster.episodes.claims import Claims, Continuation
 from robotouille_server.cluster.episodes.closing import Closing
 from robotouille_server.cluster.episodes.directory import ClusterSlot, Directory, EpisodeRecord
+from robotouille_server.cluster.episodes.handing_over import HandingOver, Offer
 from robotouille_server.cluster.episodes.journal import ReplicatedJournal
 from robotouille_server.cluster.episodes.strays import Strays
 from robotouille_server.cluster.members import (
@@ -51,9 +51,6 @@ LOOK_SECONDS = 0.1
 """Seconds between two looks at the writes under way."""
 RETRY_SECONDS = 0.25
 """Seconds after which a report is sent again that was not stored."""
-HAND_OVERS_AT_A_TIME = 4
-ADOPT_SECONDS = 5.0
-"""Seconds that another node has to take an episode over."""
 REPAIR_SECONDS = 5.0
 """Seconds without an answer after which the buckets may have been deleted."""
 DIFFERENCES = {
@@ -134,6 +131,7 @@ class ClusterNode:
         self._closing = Closing(bus, self.directory, parts.storage)
         continuation = Continuation(self._adopted, parts.wall, self._now, parts.recovery_seconds)
         self.claims = Claims(bus, self.directory, self, self._closing, continuation)
+        self._handing_over = HandingOver(self)
         self._tasks: set[asyncio.Task[Any]] = set()
         self._count = 0
         self._lost_since: float | None = None
@@ -176,7 +174,7 @@ class ClusterNode:
         """Give an episode up that another node has taken over."""
         self._parts.metrics.fenced += 1
         get_logger().warning("another node has taken the episode over", episode=journal.episode)
-        self._give_up(journal.episode)
+        self.give_up(journal.episode)
 
     def journal(
         self, episode: str, name: str, recorder: Recorder, begin: bytes
@@ -257,6 +255,7 @@ class ClusterNode:
 
     def published(self, room: Room, events: list[Event]) -> None:
         """Let all nodes know that the first participant has come to a reserved room."""
+        self._handing_over.published(room, events)
         if room.id in self._reserved and not room.reserved:
             self._reserved.discard(room.id)
             self._start(self._note_first_participant(room.id))
@@ -404,7 +403,7 @@ class ClusterNode:
         get_logger().error("this node is cut off from NATS, and other nodes take its episodes over")
         for room in list(self._rooms.rooms.values()) if self._rooms is not None else ():
             if not room.episode.ended:
-                self._give_up(room.id)
+                self.give_up(room.id)
 
     async def _renew(self) -> None:
         load = self._rooms.seats_in_use if self._rooms is not None else 0
@@ -505,42 +504,11 @@ class ClusterNode:
             await self._renew()
         except BusError as error:
             get_logger().warning("the others do not know that this node leaves", error=str(error))
-        limit = asyncio.Semaphore(HAND_OVERS_AT_A_TIME)
-
-        async def hand_over(room: Room) -> None:
-            async with limit:
-                await self._hand_over(room)
-
         rooms = [room for room in self._rooms.rooms.values() if not room.episode.ended]
-        await asyncio.gather(*map(hand_over, rooms))
+        await self._handing_over.hand_over(rooms)
 
-    async def _hand_over(self, room: Room) -> None:
-        journal, target = room.journal, self.members.other(room.id)
-        if target is None or not isinstance(journal, ReplicatedJournal):
-            return
-        # Most of the work of the other node, while the game goes on.
-        with suppress(BusError):
-            await self.bus.request(f"prepare.{target.name}.{room.id}", b"", ADOPT_SECONDS)
-        try:
-            await journal.stored()
-            # While this node was suspended, another node may have taken the episode over. Only a
-            # write shows whether this is so.
-            if not journal.check_ownership():
-                await journal.stored()
-            if room.episode.ended or not self._has(room):
-                return
-            room.suspend()
-            subject = f"adopt.{target.name}.{room.id}"
-            answer = await self.bus.request(subject, self.name.encode(), ADOPT_SECONDS)
-            refusal = answer.decode()
-        except BusError as error:
-            refusal = str(error)
-        if refusal:
-            get_logger().warning("episode not handed over", episode=room.id, reason=refusal)
-        # If it failed, another node claims the episode when this one is gone.
-        self._give_up(room.id, target)
-
-    def _has(self, room: Room) -> bool:
+    def has(self, room: Room) -> bool:
+        """Return whether a room is still one of this node's rooms."""
         return self._rooms is not None and self._rooms.rooms.get(room.id) is room
 
     async def _prepare(self, episode: str, data: bytes) -> bytes:
@@ -558,7 +526,7 @@ class ClusterNode:
 
         Args:
             episode: The episode's id.
-            data: The name of the node that leaves.
+            data: The offer of the node that leaves.
         """
         if self.members.own.leaving:
             return b"this node leaves, too"
@@ -567,11 +535,12 @@ class ClusterNode:
             return b"it is unknown"
         # The request may come late, or from a node that does not know yet that it has lost the
         # episode. A claim would take the episode from a node that is alive.
-        if data != record.node.encode():
+        offer = Offer.decode(data)
+        if offer.node != record.node:
             return b"another node has it"
-        return (await self.claims.claim(record, handed_over=True)).encode()
+        return (await self.claims.claim(record, offer)).encode()
 
-    def _give_up(self, episode: str, target: NodeReport | None = None) -> None:
+    def give_up(self, episode: str, target: NodeReport | None = None) -> None:
         """Send the participants of an episode to the node that has it."""
         if self._rooms is None:
             return

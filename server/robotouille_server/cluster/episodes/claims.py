@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 
 from robotouille.errors import RecordingError, RobotouilleError
@@ -14,6 +15,7 @@ from robotouille.world.world import shared_world
 from robotouille_server.cluster.bus import Append, Bus, BusError, ConflictError, Stored
 from robotouille_server.cluster.episodes.closing import Closing
 from robotouille_server.cluster.episodes.directory import Directory, EpisodeRecord
+from robotouille_server.cluster.episodes.handing_over import Offer
 from robotouille_server.cluster.episodes.journal import (
     JournalEnd,
     JournalKeeper,
@@ -96,27 +98,30 @@ class Claims:
         Raises:
             RobotouilleError: That is not possible.
         """
-        stored = await self._bus.read(record.episode)
-        recording = Recording(assembled(stored), record.file)
-        restoration = Restoration(recording, self._continuation.now(), shared_world)
-        await in_turns(restoration.replay(but_last=HELD_BACK))
+        async with self._limit:
+            stored = await self._bus.read(record.episode)
+            recording = Recording(assembled(stored), record.file)
+            restoration = Restoration(recording, self._continuation.now(), shared_world)
+            await in_turns(restoration.replay(but_last=HELD_BACK))
         self._prepared[record.episode] = Prepared(stored, restoration)
         while len(self._prepared) > MAX_PREPARED:
             del self._prepared[next(iter(self._prepared))]
 
-    async def claim(self, record: EpisodeRecord, *, handed_over: bool = False) -> str:
+    async def claim(self, record: EpisodeRecord, offer: Offer | None = None) -> str:
         """Take an episode over; return why that was not possible, or an empty text.
 
         Args:
             record: The episode.
-            handed_over: True if its node lives and gives it up.
+            offer: The offer of its node, if that lives and gives it up.
         """
         if record.episode in self._under_way:
             return "it is being claimed already"
         self._under_way.add(record.episode)
         try:
-            async with self._limit:
-                return await self._continue(record, handed_over=handed_over)
+            # If the episode is prepared, there is little left to do.
+            ready = offer is not None and record.episode in self._prepared
+            async with nullcontext() if ready else self._limit:
+                return await self._continue(record, offer)
         except ConflictError:
             return "another node was first"
         except BusError as error:
@@ -134,18 +139,9 @@ class Claims:
         get_logger().error("episode not taken over", episode=record.episode, error=why)
         return why
 
-    async def _continue(self, record: EpisodeRecord, *, handed_over: bool) -> str:
-        # The copy of the directory may be behind, and the episode in good hands.
-        if await self._has_changed(record):
-            return "another node was first"
-        last = await self._bus.last(record.episode)
-        if last is None:
-            # Its node has died after it had deleted the journal, or an operator has deleted it.
-            await self._directory.remove(record)
-            return "it has no journal"
+    async def _continue(self, record: EpisodeRecord, offer: Offer | None) -> str:
         prepared = self._prepared.pop(record.episode, None)
-        stored = await self._fence(record, last.sequence, prepared)
-        content, sequence = assembled(stored), stored[-1].sequence
+        content, sequence = await self._take(record, offer, prepared)
         try:
             recording, restored = await self._restored(content, record, prepared)
         except RecordingError:
@@ -157,7 +153,7 @@ class Claims:
             await self._closing.finish(record.episode, record.file, kept=True, content=content)
             return "it has ended"
         # While a node hands its episodes over, NATS has confirmed what they wrote.
-        keep = restored.kept if handed_over else max(0, restored.kept - RESTATED)
+        keep = restored.kept if offer is not None else max(0, restored.kept - RESTATED)
         sequence = await self._restate(record, sequence, content, restored, keep)
         mine = record.model_copy(update={"node": self._keeper.name, "claim": sequence})
         if not await self._directory.replace(mine):
@@ -171,6 +167,35 @@ class Claims:
         self._continuation.adopt(found)
         return ""
 
+    async def _take(
+        self, record: EpisodeRecord, offer: Offer | None, prepared: Prepared | None
+    ) -> tuple[bytes, int]:
+        """Take a journal over; return its content and the number of its last message.
+
+        Raises:
+            ConflictError: Another node has the episode.
+            BusError: There is no journal, or NATS does not answer.
+        """
+        if offer is not None and (found := _offered(offer, prepared)) is not None:
+            content, last_known = found
+            # The journal ends as its owner says if the claim names that message as the last one.
+            _, fence = await self._fence(record, last_known)
+            return content, fence
+        # The copy of the directory may be behind, and the episode in good hands.
+        if await self._has_changed(record):
+            raise ConflictError("the record has changed")
+        last = await self._bus.last(record.episode)
+        if last is None:
+            # Its node has died after it had deleted the journal, or an operator has deleted it.
+            await self._directory.remove(record)
+            raise BusError("it has no journal")
+        claim, fence = await self._fence(record, last.sequence)
+        known = prepared.stored if prepared is not None else []
+        stored = known + await self._bus.read(record.episode, known[-1].sequence if known else 0)
+        if [message.sequence for message in stored[-2:]] != [claim, fence]:
+            raise ConflictError("another node has written to the journal")
+        return assembled(stored), fence
+
     async def _has_changed(self, record: EpisodeRecord) -> bool:
         """Read a record again, and return whether another node has the episode, or it is over."""
         await self._directory.look(record.code)
@@ -181,7 +206,11 @@ class Claims:
     async def _restored(
         self, content: bytes, record: EpisodeRecord, prepared: Prepared | None
     ) -> tuple[Recording, Restored]:
-        recording = Recording(content, record.file)
+        restoration = prepared.restoration if prepared is not None else None
+        if restoration is None:
+            recording = Recording(content, record.file)
+        else:
+            recording = restoration.recording.extended(content)
         # Anybody who can write to the bucket chooses this name, and a file of that name would be
         # replaced or deleted.
         if (file := name_in(recording.header)) != record.file:
@@ -189,7 +218,6 @@ class Claims:
         if recording.header["episode"] != record.episode:
             raise RecordingError("the journal is that of another episode")
         try:
-            restoration = prepared.restoration if prepared is not None else None
             if restoration is None or not restoration.continue_with(recording):
                 restoration = Restoration(recording, self._continuation.now(), shared_world)
             await in_turns(restoration.replay())
@@ -198,26 +226,19 @@ class Claims:
         except RecordingError as error:
             raise RecordingError(f"the journal cannot be continued: {error}") from None
 
-    async def _fence(
-        self, record: EpisodeRecord, last: int, prepared: Prepared | None
-    ) -> list[Stored]:
-        """Take a journal over from its former owner, and return its messages.
+    async def _fence(self, record: EpisodeRecord, last: int) -> tuple[int, int]:
+        """Write twice to a journal as its new owner; return the sequence numbers.
 
         NATS compares the expected sequence number when a message arrives, but not when it stores
         the message. So it may store a write of the former owner that was under way at the time of
-        the claim, before or after it, and the former owner goes on. A second message shows that
-        nothing came after the claim, and then nothing can come any more.
+        the claim, before or after it, and the former owner goes on. If nothing came between the
+        claim and the second message, nothing can come any more.
 
         Raises:
             ConflictError: The former owner, or a third node, has written.
         """
         claim = await self._append(record, last)
-        fence = await self._append(record, claim)
-        known = prepared.stored if prepared is not None else []
-        stored = known + await self._bus.read(record.episode, known[-1].sequence if known else 0)
-        if [message.sequence for message in stored[-2:]] != [claim, fence]:
-            raise ConflictError("another node has written to the journal")
-        return stored
+        return claim, await self._append(record, claim)
 
     async def _restate(
         self,
@@ -260,3 +281,19 @@ class Claims:
 
         self._bus.append(Append(record.episode, data, last, name, keep), done)
         return await result
+
+
+def _offered(offer: Offer, prepared: Prepared | None) -> tuple[bytes, int] | None:
+    """Return the journal of an offered episode and the number of its last message.
+
+    None if this node must read it.
+    """
+    tail = offer.tail
+    if tail is None or prepared is None:
+        return None
+    known = prepared.restoration.recording.stream
+    # What was read while its write was under way is part of the tail, too.
+    overlap = known[tail.start :]
+    if len(known) < tail.start or not tail.data.startswith(overlap):
+        return None
+    return known + tail.data[len(overlap) :], tail.sequence

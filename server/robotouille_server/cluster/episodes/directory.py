@@ -59,6 +59,7 @@ class Directory:
         self._bus = bus
         self._by_code: dict[str, EpisodeRecord] = {}
         self._by_id: dict[str, str] = {}
+        self._revisions: dict[str, int] = {}
 
     def changed(self, key: str, entry: Entry | None) -> None:
         """Note a change of the bucket."""
@@ -77,10 +78,12 @@ class Directory:
             return
         self._by_code[key] = record
         self._by_id[record.episode] = key
+        self._revisions[key] = entry.revision
         self.observer(record.episode)
 
     def _remove(self, key: str) -> None:
         known = self._by_code.pop(key, None)
+        self._revisions.pop(key, None)
         if known is not None:
             self._by_id.pop(known.episode, None)
             self.observer(known.episode)
@@ -111,6 +114,8 @@ class Directory:
             False if another node has it.
         """
         value = record.model_dump_json(exclude_defaults=True).encode()
+        if await self._replace_known(record, value):
+            return True
         while True:
             current = await self._bus.get(Bucket.EPISODES, record.key)
             try:
@@ -128,6 +133,22 @@ class Directory:
                 continue
             self.changed(record.key, Entry(value, revision))
             return True
+
+    async def _replace_known(self, record: EpisodeRecord, value: bytes) -> bool:
+        """Replace a record if the copy of it is current. A game waits for this, so nothing is read.
+
+        Returns:
+            False if the copy is behind the bucket, or missing.
+        """
+        known, revision = self._by_code.get(record.key), self._revisions.get(record.key)
+        if known is None or revision is None or known.claim > record.claim:
+            return False
+        try:
+            revision = await self._bus.update(Bucket.EPISODES, record.key, value, revision)
+        except ConflictError:
+            return False
+        self.changed(record.key, Entry(value, revision))
+        return True
 
     async def remove(self, record: EpisodeRecord) -> None:
         """Remove an episode that is over."""

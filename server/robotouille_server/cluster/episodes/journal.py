@@ -31,6 +31,8 @@ from robotouille_server.runtime.logs import get_logger
 
 MAX_PIECE = 512 * 1024
 """Bytes in one message. NATS refuses messages above 1 MiB, unless it is configured otherwise."""
+MAX_TAIL = 256 * 1024
+"""Largest number of bytes that `tail` returns."""
 LATE_SECONDS = 0.5
 """Seconds without a quorum after which the episode is paused."""
 BUSY_SECONDS = 0.25
@@ -95,6 +97,21 @@ class JournalEnd:
     cut: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class Tail:
+    """Last bytes of a journal.
+
+    Attributes:
+        sequence: The sequence number of the journal's last message.
+        start: The number of bytes before them.
+        data: The bytes.
+    """
+
+    sequence: int
+    start: int
+    data: bytes
+
+
 @dataclass(slots=True)
 class _Write:
     """A write under way.
@@ -155,6 +172,8 @@ class ReplicatedJournal:
         self._quiet_until = 0.0
         self._changed: Callable[[], None] = _nothing
         self._settling: list[asyncio.Future[None]] = []
+        self._tail_start, self._tail = 0, bytearray()
+        self._keeps_tail = False
         keeper.begun(self)
 
     @property
@@ -183,6 +202,17 @@ class ReplicatedJournal:
                 await done
         except TimeoutError:
             raise UnavailableError(self.problem or "NATS has no quorum") from None
+
+    def keep_tail(self) -> None:
+        """Keep what is written from now on, for `tail`."""
+        self._tail_start, self._tail, self._keeps_tail = self.size, bytearray(), True
+
+    @property
+    def tail(self) -> Tail | None:
+        """What was written since `keep_tail`. None if a quorum lacks a part, or if it is long."""
+        if not self._keeps_tail or not self.settled or len(self._tail) > MAX_TAIL:
+            return None
+        return Tail(self._sequence, self._tail_start, bytes(self._tail))
 
     def listen(self, changed: Callable[[], None]) -> None:
         """Call `changed` when everything is written, and when writing takes too long."""
@@ -255,6 +285,8 @@ class ReplicatedJournal:
         self._sequence, self._last_id = sequence, write.message.id
         self._keep = None
         self.size += len(write.message.data)
+        if self._keeps_tail:
+            self._tail += write.message.data
         self._keeper.written(self, self._loop.time() - write.begun)
         # If this process was suspended, the answer is old, and another node may have the episode.
         old = self._loop.time() - write.sent >= LEASE_SECONDS
