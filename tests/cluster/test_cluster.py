@@ -611,6 +611,27 @@ class TestTakeover:
             assert (found.complete, found.steps) == (True, 6)
 
     @virtual
+    async def test_the_journal_of_an_ended_game_is_deleted_though_its_node_dies_before(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        async with (
+            cluster_of(tmp_path) as nodes,
+            connect(nodes[0].url, name="ada") as ada,
+            connect(nodes[1].url, name="bob") as bob,
+        ):
+            games = await two_players(nodes, ada, bob)
+            owner, episode = nodes.owner(games[0].episode), games[0].episode
+            monkeypatch.setattr(owner.bus, "purge", lambda _: asyncio.sleep(3600))
+            while not games[0].ended:
+                await step(*games)
+            await asyncio.sleep(1)
+            assert nodes.nats.storage.messages(episode)
+            await owner.kill()
+            await asyncio.sleep(10)
+            assert not nodes.nats.storage.messages(episode)
+            assert [name for name in nodes.nats.storage.files if episode in name]
+
+    @virtual
     async def test_a_game_goes_on_when_its_node_leaves(self, tmp_path: Path) -> None:
         async with cluster_of(tmp_path) as nodes:
             async with (

@@ -432,8 +432,13 @@ class ClusterNode:
         nodes = set()
         for record in self.directory:
             nodes.add(record.node)
-            mine = record.node == self.name or self.members.lapsed(record.node)
-            if record.ended and mine and record.episode not in rooms:
+            lapsed = self.members.lapsed(record.node)
+            if not record.ended or record.episode in rooms:
+                continue
+            if lapsed:
+                # Its node may have died before it deleted the journal, which is stored as a file.
+                await self.bus.purge(record.episode)
+            if lapsed or record.node == self.name:
                 await self.directory.remove(record)
         self.members.forget_lapsed(nodes)
 
