@@ -97,6 +97,7 @@ class Client:
         self._runner: asyncio.Task[None] | None = None
         self._answers: dict[int, asyncio.Future[messages.ServerMessage]] = {}
         self._last_game: Game | None = None
+        self._closing: set[asyncio.Task[None]] = set()
         self._to_send = asyncio.Event()
         self._timer: asyncio.TimerHandle | None = None
 
@@ -414,6 +415,7 @@ class Client:
         finally:
             self.protocol.close("the connection was closed")
             self._flush()
+            await asyncio.gather(*self._closing)
 
     async def _converse(self, socket: ClientConnection) -> None:
         loop = asyncio.get_running_loop()
@@ -441,7 +443,13 @@ class Client:
             if self.protocol.state.connected:
                 self.protocol.connection_lost(loop.time(), reason)
             self._flush()
-            await socket.close()
+            self._close(socket)
+
+    def _close(self, socket: ClientConnection) -> None:
+        """Close a connection. The next one does not wait for the server's answer to that."""
+        closing = asyncio.create_task(socket.close())
+        self._closing.add(closing)
+        closing.add_done_callback(self._closing.discard)
 
     def _receive(self, message: messages.ServerMessage, size: int) -> None:
         self.protocol.receive(message, asyncio.get_running_loop().time(), size)

@@ -155,6 +155,36 @@ async def test_moved_episode_is_resumed_over_a_new_connection() -> None:
 
 
 @virtual
+async def test_client_does_not_wait_for_the_end_of_its_old_connection() -> None:
+    sockets: list[ServerConnection] = []
+
+    async def move(socket: ServerConnection) -> None:
+        sockets.append(socket)
+        await socket.recv()
+        await socket.send(json.dumps(WELCOME))
+        await socket.recv()
+        await socket.send(json.dumps({"type": "moved", "episode": "x", "port": 1, "url": url}))
+        socket.transport.pause_reading()
+        await socket.wait_closed()
+
+    subprotocols = [Subprotocol("robotouille.v1.json")]
+    async with answering(hello={**WELCOME, "server": "new"}, list=EPISODES) as there:
+        url = f"ws://127.0.0.1:{there}"
+        async with (
+            listen(move, "127.0.0.1", 0, subprotocols=subprotocols) as server,
+            connect(
+                f"ws://127.0.0.1:{next(iter(server.sockets)).getsockname()[1]}",
+                name="ada",
+                encoding="json",
+            ) as client,
+        ):
+            async with asyncio.timeout(1):
+                assert await client.episodes() == []
+            assert client.url == url
+            sockets[0].transport.abort()
+
+
+@virtual
 async def test_client_leaves_a_node_that_falls_silent() -> None:
     sockets: list[ServerConnection] = []
 
