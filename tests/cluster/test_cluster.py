@@ -486,6 +486,30 @@ class TestHandOver:
             assert max(after - before for before, after in pairwise(times)) < 0.8 + 0.2
 
     @virtual
+    async def test_who_acts_while_an_episode_is_handed_over_leaves_the_old_node_at_once(
+        self, tmp_path: Path
+    ) -> None:
+        async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+            created = await ada.create("training/01", move_budget=0)
+            game = await ada.join(created.code)
+            await step(game)
+            owner = nodes.owner(created.episode)
+            room, before = owner.server.lobby.rooms[created.episode], ada._socket
+            assert before is not None
+            nodes.nats.quality.latency = 0.1
+            leaving = asyncio.create_task(owner.leave())
+            while room.driver._open:
+                await asyncio.sleep(0.01)
+            acting = asyncio.create_task(step(game))
+            while created.episode in owner.rooms:
+                await asyncio.sleep(0.01)
+            async with asyncio.timeout(0.5):
+                await before.wait_closed()
+            await acting
+            assert game.step == 2
+            await leaving
+
+    @virtual
     async def test_an_episode_is_handed_over_although_nothing_is_prepared(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:

@@ -469,6 +469,7 @@ class Lobby:
             session.room, session.players = None, ()
             # The other node has the session now. If it comes back here, it comes with its seats.
             self._sessions.drop(session)
+        room.let_go()
         return members
 
     def stop(self) -> None:

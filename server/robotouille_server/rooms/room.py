@@ -209,6 +209,10 @@ class Room:
         """Read no more from a connection until the recording is written."""
         self._gate.hold(connection)
 
+    def let_go(self) -> None:
+        """Read from all connections again, because another process writes the recording."""
+        self._gate.let_go()
+
     @property
     def reserved(self) -> bool:
         """True if the room is kept open and waits for its first participant."""
