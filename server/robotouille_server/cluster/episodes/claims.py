@@ -174,7 +174,7 @@ class Claims:
 
         Raises:
             ConflictError: Another node has the episode.
-            BusError: There is no journal, or NATS does not answer.
+            BusError: The journal is missing, or NATS does not answer.
         """
         if offer is not None and (found := _offered(offer, prepared)) is not None:
             content, last_known = found
@@ -292,7 +292,7 @@ def _offered(offer: Offer, prepared: Prepared | None) -> tuple[bytes, int] | Non
     if tail is None or prepared is None:
         return None
     known = prepared.restoration.recording.stream
-    # What was read while its write was under way is part of the tail, too.
+    # If a write was under way when this node read the journal, its bytes are in the tail, too.
     overlap = known[tail.start :]
     if len(known) < tail.start or not tail.data.startswith(overlap):
         return None

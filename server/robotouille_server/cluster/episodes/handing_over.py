@@ -21,9 +21,9 @@ from robotouille_server.rooms.room import Room
 from robotouille_server.runtime.logs import get_logger
 
 AT_A_TIME = 8
-"""Episodes that other nodes get ready for at a time."""
-WAITING_AT_A_TIME = 3
-"""Episodes that wait at a time. With more, each of them would wait longer."""
+"""Episodes at a time that other nodes prepare, or whose next step this node awaits."""
+PAUSED_AT_A_TIME = 3
+"""Episodes that are paused at a time. With more, each pause would be longer."""
 ADOPT_SECONDS = 5.0
 """Seconds that another node has to take an episode over."""
 STEP_SECONDS = 1.0
@@ -86,7 +86,7 @@ class HandingOver:
     def __init__(self, node: LeavingNode) -> None:
         self._node = node
         self._limit = asyncio.Semaphore(AT_A_TIME)
-        self._waiting = asyncio.Semaphore(WAITING_AT_A_TIME)
+        self._pausing = asyncio.Semaphore(PAUSED_AT_A_TIME)
         self._stepping: dict[str, asyncio.Future[None]] = {}
 
     def published(self, room: Room, events: Iterable[Event]) -> None:
@@ -109,12 +109,12 @@ class HandingOver:
             with suppress(BusError):
                 subject = f"prepare.{target.name}.{room.id}"
                 await self._node.bus.request(subject, b"", ADOPT_SECONDS)
-            async with self._waiting:
+            await self._step(room)
+            async with self._pausing:
                 await self._hand_over(room, journal, target)
 
     async def _hand_over(self, room: Room, journal: ReplicatedJournal, target: NodeReport) -> None:
         try:
-            await self._step(room)
             await journal.stored()
             # While this node was suspended, another node may have taken the episode over. Only a
             # write shows whether this is so.

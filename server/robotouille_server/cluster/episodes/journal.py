@@ -209,7 +209,7 @@ class ReplicatedJournal:
 
     @property
     def tail(self) -> Tail | None:
-        """What was written since `keep_tail`. None if a quorum lacks a part, or if it is long."""
+        """Bytes written since `keep_tail`; None if there are many, or if a quorum lacks some."""
         if not self._keeps_tail or not self.settled or len(self._tail) > MAX_TAIL:
             return None
         return Tail(self._sequence, self._tail_start, bytes(self._tail))
