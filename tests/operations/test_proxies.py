@@ -19,6 +19,7 @@ from robotouille_client import Client, Game, GameEnded, connect
 from robotouille_client.bots import play
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from tests.operations.proxies import PROXIES, Front, Proxy, front_door, mint, program
+from tests.support.lost_connections import cut
 from tests.support.processes import process
 from tests.support.worker_processes import free_ports, workers
 
@@ -89,12 +90,6 @@ async def bots_play(url: str, token: str) -> Mapping[str, Any]:
 async def seats(clients: list[Client], task: str, **rules: Any) -> list[Game]:
     created = await clients[0].create(task, **rules)
     return [await client.join(created.code) for client in clients]
-
-
-def cut(client: Client) -> None:
-    """Abort a client's connection."""
-    assert client._socket is not None
-    client._socket.transport.abort()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs all of 127.0.0.0/8")

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from robotouille.episode import Chat, Clock
+from robotouille.episode import Chat, Clock, SeatTreatment
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_client import connect
@@ -17,6 +17,7 @@ from robotouille_server.rooms.episode_setup import EpisodeSetup
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.task_folder import TaskFolder
 from tests.support.handshakes import hello, mint_token, opened
+from tests.support.lost_connections import cut
 from tests.support.servers import Raw, crash, raw, serving
 from tests.support.virtual_time import virtual
 
@@ -35,7 +36,7 @@ def test_settings_are_the_defaults() -> None:
 
 
 def test_message_overrides_settings() -> None:
-    treatments = {"robot2": messages.SeatTreatment(delay_ms=50)}
+    treatments = {"robot2": SeatTreatment(delay_ms=50)}
     setup = requested(
         task="multi_agent/01", seed=5, grace=1.0, move_budget=2.0, max_steps=9,
         labels={"pair": "p7"}, treatments=treatments,
@@ -57,7 +58,7 @@ def test_phrases_need_the_phrases_chat() -> None:
         ({"task": "multi_agent/99"}, "task/unknown", "task"),
         ({"task": "multi_agent/01", "seats": 9}, "task/invalid", "seats"),
         ({"chat": Chat.PHRASES}, "message/invalid-field", "phrases"),
-        ({"treatments": {"robot9": messages.SeatTreatment()}}, "seat/unknown", "treatments"),
+        ({"treatments": {"robot9": SeatTreatment()}}, "seat/unknown", "treatments"),
         ({"tokens": True, "participants": {"robot9": "p7"}}, "seat/unknown", "participants"),
     ],
 )
@@ -205,8 +206,7 @@ async def test_countdown_waits_for_a_player_who_was_killed(tmp_path: Path) -> No
         async with connect(server.url, name="ada", kind="human") as ada:
             created = await ada.create(TASK, clock="realtime")
             await ada.join(created.code)
-            assert ada._socket is not None
-            ada._socket.transport.abort()
+            cut(ada)
             ada.url = "ws://127.0.0.1:9"
             game = await bob.join(created.code)
             await asyncio.sleep(20)

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from robotouille_server.runtime.process_limits import CLOSED_AT_LEAST, NEW, rare_collections
+from tests.support.metrics import dropped
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run, virtual
 
@@ -115,7 +116,7 @@ async def test_flood_of_unreadable_messages_closes_the_connection(tmp_path: Path
         await asyncio.sleep(1)
         bye = await ada.expect("bye")
         assert bye["code"] == "rate/limited"
-        assert server.metrics.dropped.labels("flood")._value.get() == 1
+        assert dropped(server.metrics, "flood") == 1
 
 
 @virtual

@@ -14,6 +14,7 @@ from robotouille.world.world import State
 from robotouille_client import ChatReceived, Client, Game, StateChanged, connect
 from robotouille_client.bots import RandomPolicy, play
 from robotouille_server import Server
+from tests.support.lost_connections import cut
 from tests.support.samples import quick_sample
 from tests.support.servers import crash, raw, serving, with_clients
 from tests.support.virtual_time import run, virtual
@@ -210,8 +211,7 @@ async def test_next_process_asks_to_wait_while_the_old_one_drains(tmp_path: Path
                     answer = await visitor.ask({"type": "join", "episode": one.code}, "joined")
                     assert answer["code"] == "server/handover"
                 await asyncio.gather(one.act(one.actions[0]), two.act(None))
-                assert ada._socket is not None
-                ada._socket.transport.abort()
+                cut(ada)
                 await asyncio.gather(one.act(one.actions[0]), two.act(None))
                 assert len(new.lobby.rooms) == 1
                 assert (one.step, one.state) == (two.step, two.state)

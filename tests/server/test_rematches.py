@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from robotouille.episode import SeatTreatment
 from robotouille.errors import ProtocolError
-from robotouille.protocol import messages
 from robotouille_client import Client, Game, connect
 from robotouille_server import Server
 from robotouille_server.auth import Role
@@ -353,7 +353,7 @@ class TestEndedEpisodes:
 @virtual
 async def test_treatments_are_kept_and_labels_are_not(tmp_path: Path) -> None:
     async with with_clients(tmp_path, "ada", "bob") as (server, ada, bob):
-        treatments = {"robot1": messages.SeatTreatment(delay_ms=50)}
+        treatments = {"robot1": SeatTreatment(delay_ms=50)}
         games = await played([ada, bob], treatments=treatments, labels={"pair": "p7"})
         created = await bob.create(rematch=games[0].code)
         room = server.lobby.find(created.code)

@@ -21,6 +21,7 @@ from robotouille_server.rooms.participants.seat_limits import (
     DisplayNames,
 )
 from robotouille_server.transport.peer import Peer
+from tests.support.lost_connections import transport_of
 from tests.support.operator import Table, table, viewing
 from tests.support.servers import Raw, crash, raw, serving
 from tests.support.virtual_time import run, virtual
@@ -100,8 +101,7 @@ def peers(server: Server, here: Table) -> dict[str, Peer]:
 @asynccontextmanager
 async def not_listening(client: Client) -> AsyncIterator[None]:
     """Stop a client from reading for a while."""
-    assert client._socket is not None
-    transport = client._socket.transport
+    transport = transport_of(client)
     transport.pause_reading()
     yield
     transport.resume_reading()

@@ -11,6 +11,7 @@ from robotouille.replay.recording import read_recording
 from robotouille_client import Client, connect
 from robotouille_server.auth.roles import Role
 from robotouille_server.rooms.participants import used_generations
+from tests.support.lost_connections import cut
 from tests.support.servers import Raw, raw, serving, with_clients
 from tests.support.virtual_time import run, virtual
 
@@ -260,9 +261,8 @@ class TestSubstitute:
             async with ada:
                 one, two = await two_people(ada, bob, absence="bot", substitute="planner")
                 await asyncio.gather(one.act(None), two.act(None))
-                assert ada._socket is not None
                 ada.protocol.reconnect = False
-                ada._socket.transport.abort()
+                cut(ada)
                 await asyncio.sleep(0.5)
                 assert [s.controller for s in two.seats] == ["substitute", "bot"]
                 for _ in range(10):

@@ -22,6 +22,7 @@ from robotouille_server.transport.connection import Connection, PendingConnectio
 from robotouille_server.transport.loop_budget import LOOP_BUDGET, TURN_SECONDS
 from robotouille_server.transport.peer import MAX_HELD, MAX_UNSENT, Peer
 from tests.support.fuzzing.wire import request
+from tests.support.metrics import dropped
 from tests.support.servers import Raw, raw, serving
 from tests.support.virtual_time import virtual
 
@@ -61,11 +62,6 @@ def peer_of(session: Session) -> Peer:
     return session.peer
 
 
-def dropped(server: Server) -> float:
-    """Return the number of connections dropped because their clients did not read."""
-    return float(server.metrics.dropped.labels("stalled")._value.get())
-
-
 def fill(room: Room, peer: Peer) -> None:
     """Send more than a client may leave unread before it receives no more deltas."""
     if peer.unsent <= 2 * MAX_UNSENT and not peer.socket.transport.is_closing():
@@ -79,7 +75,7 @@ async def test_stalled_client_is_aborted(tmp_path: Path) -> None:
         async with deaf_spectator(server, ada, clock="realtime") as (room, session):
             peer = peer_of(session)
             async with asyncio.timeout(60):
-                while not dropped(server):
+                while not dropped(server.metrics, "stalled"):
                     fill(room, peer)
                     await asyncio.sleep(0.05)
             assert peer.unsent == 0, "data is still kept for a client that does not read"
@@ -94,7 +90,7 @@ async def test_unsent_data_is_bounded(tmp_path: Path) -> None:
     async with serving(tmp_path) as server, raw(server) as ada:
         async with deaf_spectator(server, ada, clock="turn") as (room, session):
             peer, most, sent, at_once = peer_of(session), 0, 0, 20
-            while not dropped(server):
+            while not dropped(server.metrics, "stalled"):
                 for _ in range(at_once):
                     room.announce(TEXT)
                     await ada.expect("notice")
@@ -220,7 +216,7 @@ async def test_silent_connections_of_one_address_replace_each_other() -> None:
     admission.newcomers.leave(strangers[2])
     admission.enter(Caller(), "a", heard=False)
     assert not strangers[3].closed
-    assert admission.metrics.dropped.labels("displaced")._value.get() == 2
+    assert dropped(admission.metrics, "displaced") == 2
 
 
 @virtual
@@ -313,6 +309,6 @@ async def test_clients_that_have_gone_before_their_turn_are_not_answered(tmp_pat
             writer.write(request("robotouille.v1.json"))
             writer.close()
         await asyncio.sleep(0.5)
-        assert server.metrics.dropped.labels("early")._value.get() > 40
+        assert dropped(server.metrics, "early") > 40
         assert server.admission.admitted == 1, "only ada is connected"
         await ada.ask({"type": "list"}, "episodes")

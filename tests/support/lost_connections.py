@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from asyncio import Transport
+
 from robotouille_client import Client
 
-__all__ = ["cut", "start"]
+__all__ = ["cut", "start", "transport_of"]
 
 
 async def start(server, *clients: Client, **options):  # type: ignore[no-untyped-def]
@@ -14,5 +16,10 @@ async def start(server, *clients: Client, **options):  # type: ignore[no-untyped
 
 def cut(client: Client) -> None:
     """Abort the client's connection, like a pulled cable."""
+    transport_of(client).abort()
+
+
+def transport_of(client: Client) -> Transport:
+    """Return the transport of an open connection, which the library does not offer."""
     assert client._socket is not None
-    client._socket.transport.abort()
+    return client._socket.transport

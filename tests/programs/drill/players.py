@@ -30,6 +30,7 @@ from robotouille_client.bots.seat_policy import MakePolicy
 from robotouille_client.errors import ConnectionFailedError
 from tests.programs.drill.games import MIXES, GameSpec, draw_game, mix_of, plan_of
 from tests.programs.drill.witness import Witness
+from tests.support.lost_connections import cut
 
 Answer = TypeVar("Answer")
 
@@ -180,8 +181,8 @@ class Participant:
     async def _break_connection(self, client: Client) -> None:
         while True:
             await asyncio.sleep(BREAK_SECONDS)
-            if client.connected.is_set() and client._socket is not None:
-                client._socket.transport.abort()
+            if client.connected.is_set():
+                cut(client)
 
     @property
     def situation(self) -> dict[str, Any]:
