@@ -20,8 +20,7 @@ from robotouille.episode import Phase
 from robotouille.episode.rules import Clock
 from robotouille.planning.plan import read_plan
 from robotouille.planning.policies.shift_policy import play_shift
-from robotouille.protocol.message_parts import EpisodeInfo, SeatInfo
-from robotouille.protocol.messages import Create
+from robotouille.protocol.messages import Create, EpisodeInfo, SeatInfo
 from robotouille_client.bots.partners import prompt_partners
 from robotouille_client.window.app.app import App, UserFiles
 from robotouille_client.window.app.local_game import GameSetup

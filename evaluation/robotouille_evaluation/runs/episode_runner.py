@@ -14,7 +14,7 @@ from robotouille.episode.record import RandomReversal, no_reversal
 from robotouille.episode.seats import ActionRequest
 from robotouille.errors import ProtocolError, UnknownNameError
 from robotouille.planning.policies import Did
-from robotouille.protocol.message_parts import Kind
+from robotouille.protocol.messages import Kind
 from robotouille.replay.model_calls import TOPIC, CallNotes
 from robotouille.replay.recorder import Recorder, header
 from robotouille.world.text import MAX_SENTENCE

@@ -9,7 +9,7 @@ from pydantic_core import PydanticCustomError
 
 from robotouille.protocol import messages
 from robotouille.protocol.codec import MAX_CLIENT_BYTES
-from robotouille.protocol.message_parts import Identifier, Labels, Position, Token
+from robotouille.protocol.messages import Identifier, Labels, Position, Token
 from robotouille_server.auth import Role
 from robotouille_server.operator.models import (
     MAX_OPENED,

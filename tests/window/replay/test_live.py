@@ -16,7 +16,7 @@ from robotouille.certification.certificate import load_certificate
 from robotouille.domain.rendering import Language
 from robotouille.episode.tallies import Activity
 from robotouille.planning import read_plan
-from robotouille.protocol.message_parts import SeatInfo
+from robotouille.protocol.messages import SeatInfo
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
 from robotouille_client.sansio.game_events import ActRejected, Announced, StateChanged

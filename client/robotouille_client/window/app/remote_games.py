@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from robotouille.errors import RobotouilleError
-from robotouille.protocol.message_parts import EpisodeInfo
+from robotouille.protocol.messages import EpisodeInfo
 from robotouille.replay.rates import real_time_rate
 from robotouille_client.client import Client, connect
 from robotouille_client.console import explain, server_url

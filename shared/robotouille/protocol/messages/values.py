@@ -1,4 +1,8 @@
-"""Building blocks of the wire protocol's messages: base classes, field types and nested objects."""
+"""Parts of messages in both directions: base classes, field types and nested objects.
+
+Enumerations from servers are read leniently (`Known`): a value from a newer server stays a plain
+string.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +24,8 @@ from robotouille.episode.events import Reason
 from robotouille.episode.lifecycle import Absence, Controller, PauseReason, Phase
 from robotouille.episode.rules import MAX_LABELS, PRINTABLE, Chat, Clock
 from robotouille.world.unmet import Unmet, UnmetKind
+
+PROTOCOL_VERSION = 1
 
 Identifier = Annotated[str, Field(min_length=1, max_length=64)]
 Token = Annotated[str, Field(min_length=1, max_length=2000)]
