@@ -7,16 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 
-from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.episode.events import (
     AnnouncementMade,
-    ChatPosted,
     CountdownChanged,
     Departure,
     Event,
     Moderated,
     Moderation,
-    Noted,
     Outcome,
     Paused,
     ReadinessChanged,
@@ -28,15 +25,14 @@ from robotouille.episode.events import (
 )
 from robotouille.episode.lifecycle import Absence, Controller, PauseReason, Phase, PhaseEvent
 from robotouille.episode.presence import Presence
-from robotouille.episode.quota import NOTE_BYTES, size_of_note
 from robotouille.episode.record import EpisodeRecord, RandomReversal, no_reversal
-from robotouille.episode.rules import Chat, Rules, SeatTreatment
+from robotouille.episode.rules import Rules, SeatTreatment
 from robotouille.episode.seats import ActionRequest, Seat, by_holder
+from robotouille.episode.speech import Speech
 from robotouille.episode.submissions import Submissions, joint_action
-from robotouille.errors import ProtocolError, RobotouilleError
+from robotouille.errors import ProtocolError
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.presentation.signals import Signal, signal_fault, signal_text
-from robotouille.world.presentation.wording import Wording
+from robotouille.world.presentation.signals import Signal
 from robotouille.world.world import State, World
 
 DEPARTURES = {
@@ -67,7 +63,7 @@ class Episode:
     # A server has one episode for each room. Slots helped to reduce the memory for a room from 137
     # to 52 KiB (docs/decisions/0019).
     __slots__ = (
-        "_language", "_presence", "_reported", "_submissions", "pauses", "record", "step_began",
+        "_presence", "_reported", "_speech", "_submissions", "pauses", "record", "step_began",
     )  # fmt: skip
 
     def __init__(
@@ -82,12 +78,12 @@ class Episode:
         self.record = EpisodeRecord(world, rules, random_reversal, treatments or {})
         self.step_began = now
         self._submissions = Submissions(self.record)
+        self._speech = Speech(self.record)
         self._presence = Presence(self.record, opened=now)
         self.pauses = self._presence.pauses
         # The reasons in the last `Paused` event. Comparing with them avoids an event, and a note in
         # the recording, for each call that changes nothing.
         self._reported: tuple[PauseReason, ...] = ()
-        self._language: Language | None = None
         self._presence.update(now)
 
     # Reading
@@ -605,9 +601,7 @@ class Episode:
             ProtocolError: `episode/ended`, `seat/unknown`, `chat/off`, `chat/phrase`, or
                 `rate/words` if the quota of the seat, or of all spectators, is used up.
         """
-        self.record.check_open()
-        self._check_chat(text)
-        self._post(name, player, text, now)
+        self._speech.say(name, player, text, now)
 
     def signal(self, name: str, player: str, signal: Signal, now: float) -> None:
         """Post a signal of a seat to everybody in the episode, with a sentence that states it.
@@ -620,55 +614,7 @@ class Episode:
                 permit no signals, `chat/target` if the signal cannot point at this, or
                 `rate/words`.
         """
-        record = self.record
-        record.check_open()
-        record.seat(player)
-        if record.rules.chat not in (Chat.FREE, Chat.SIGNALS):
-            code = "chat/off" if record.rules.chat is Chat.OFF else "chat/phrase"
-            raise ProtocolError(code, "signals are off in this episode", "intent")
-        if fault := signal_fault(signal, player, record.state):
-            raise ProtocolError("chat/target", fault, "target")
-        self._post(name, player, self._sentence(signal, player), now, signal)
-
-    def _sentence(self, signal: Signal, player: str) -> str:
-        if self._language is None:
-            try:
-                self._language = language_of(self.world.task)
-            except RobotouilleError:  # The rendering is gone, or has got faults.
-                self._language = NO_WORDS
-        # Without the names of participants: exports without names keep this text.
-        # The sentence must not show the sender, or others, more than the sender sees.
-        seen = self.record.seen_state(player)
-        return signal_text(signal, seen, Wording(self.world, self._language))
-
-    def _post(
-        self, name: str, player: str, text: str, now: float, signal: Signal | None = None
-    ) -> None:
-        record = self.record
-        # Spectators share one quota, because the task limits the number of seats, but not the
-        # number of spectators.
-        quota = record.seat(player).quota if player else record.audience_quota
-        size = NOTE_BYTES + len(name.encode()) + len(text.encode())
-        record.take_quota(quota, size, player, now, "you cannot chat here any more")
-        if player:
-            record.seat(player).tally.said += 1
-        record.said += 1
-        intent, target = signal or ("", "")
-        time = record.elapsed(now)
-        record.emit(ChatPosted(name, player, text, time, record.said, str(intent), target))
-
-    def _check_chat(self, text: str) -> None:
-        rules = self.record.rules
-        if rules.chat is Chat.OFF:
-            raise ProtocolError("chat/off", "chat is off in this episode", "text")
-        if rules.chat is Chat.SIGNALS:
-            message = "only signals can be sent in this episode"
-            raise ProtocolError("chat/phrase", message, "text")
-        # The episode checks this, because a study must be able to rely on it for every client.
-        if rules.chat is Chat.PHRASES and text not in rules.phrases:
-            listed = ", ".join(map(repr, rules.phrases))
-            message = f"only these phrases can be sent in this episode: {listed}"
-            raise ProtocolError("chat/phrase", message, "text")
+        self._speech.signal(name, player, signal, now)
 
     def note(self, player: str, topic: str, text: str, now: float, *, more: bool = False) -> None:
         """Record a text of a seat. No participant receives it.
@@ -681,15 +627,7 @@ class Episode:
             ProtocolError: `episode/ended`, `seat/unknown`, or `rate/words` if the seat may record
                 no more notes.
         """
-        record = self.record
-        record.check_open()
-        seat = record.seat(player)
-        size = size_of_note(topic, text)
-        # Notes may use half of the quota: the rest stays for reasoning and chat, which matter more.
-        if seat.quota.reached or not seat.quota.half_left(size):
-            raise ProtocolError("rate/words", "no more notes of this seat are recorded", "text")
-        seat.quota.take(size)
-        record.emit(Noted(player, topic, text, record.elapsed(now), more))
+        self._speech.note(player, topic, text, now, more=more)
 
     def note_round_trip(self, player: str, seconds: float, now: float) -> None:
         """Record the round-trip time of messages to a seat's participant."""
