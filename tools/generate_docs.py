@@ -162,16 +162,16 @@ def message_reference() -> str:
         ("From client to server", messages.CLIENT_MESSAGES),
         ("From server to client", messages.SERVER_MESSAGES),
     ]:
-        lines += [f"### {title}", ""]
+        lines += [f"## {title}", ""]
         for model in models:
             name, schema = message_type(model), schemas.pop(model.__name__)
             example = json.dumps(EXAMPLES[name], ensure_ascii=False)
-            lines += [f"#### `{name}`", "", paragraph(schema["description"]), ""]
+            lines += [f"### `{name}`", "", paragraph(schema["description"]), ""]
             lines += [field_table(schema, schemas), "", "```json", example, "```", ""]
-    lines += ["### Nested objects", ""]
+    lines += ["## Nested objects", ""]
     for name, schema in schemas.items():
         if "properties" in schema:
-            lines += [f"#### {name}", "", paragraph(schema["description"]), ""]
+            lines += [f"### {name}", "", paragraph(schema["description"]), ""]
             lines += [field_table(schema, schemas), ""]
     return "\n".join(lines).rstrip()
 
@@ -467,11 +467,12 @@ def outputs() -> Iterator[tuple[Path, str]]:
     parts = {
         "message costs": lambda: f"Some messages count as several: {message_costs()}.",
         "errors": error_table,
-        "messages": message_reference,
     }
     yield DOCS / "protocol.md", page(DOCS / "protocol.md", parts)
-    parts = {"settings": settings_table, "limits": limit_tables, "metrics": metrics_table}
+    yield DOCS / "messages.md", page(DOCS / "messages.md", {"messages": message_reference})
+    parts = {"settings": settings_table, "metrics": metrics_table}
     yield DOCS / "settings.md", page(DOCS / "settings.md", parts)
+    yield DOCS / "limits.md", page(DOCS / "limits.md", {"limits": limit_tables})
     parts = {"operator api": operator_paths, "operator errors": operator_errors}
     yield DOCS / "operate_a_server.md", page(DOCS / "operate_a_server.md", parts)
     yield DOCS / "cli.md", page(DOCS / "cli.md", {"commands": command_options})

@@ -1,4 +1,4 @@
-"""Tables of all limits for docs/settings.md, read from the settings and constants of the code."""
+"""Tables of all limits for docs/limits.md, read from the settings and constants of the code."""
 
 from __future__ import annotations
 
@@ -469,7 +469,7 @@ def limit_tables() -> str:
     """Return the Markdown tables."""
     lines: list[str] = []
     for title, limits in LIMITS.items():
-        lines += [f"### {title}", ""]
+        lines += [f"## {title}", ""]
         lines += ["| limit | value | setting | when exceeded | error |", "|" + " --- |" * 5]
         for limit in limits:
             flag = f"`--{limit.setting.replace('_', '-')}`" if limit.setting else ""

@@ -48,7 +48,7 @@ def _checked(kind: type[T], **fields: Any) -> T:
         fault = error.errors(include_url=False)[0]
     name, options = ".".join(map(str, fault["loc"])), kind.model_fields.keys() - {"type", "ref"}
     if fault["type"] == "extra_forbidden" and name in fields:
-        near = did_you_mean(name, options) or "; docs/protocol.md lists the options"
+        near = did_you_mean(name, options) or "; docs/messages.md lists the options"
         message = f"{kind.model_fields['type'].default} has no option {name!r}{near}"
     else:
         wrong = fault["msg"].removeprefix("Value error, ")
@@ -236,7 +236,7 @@ class Client:
 
         Args:
             task: Name of a shipped task, or its unambiguous start; the server's default if None.
-            **options: Fields of the `create` message (docs/protocol.md).
+            **options: Fields of the `create` message (docs/messages.md).
 
         Raises:
             ProtocolError: `task/unknown`, `task/invalid`, `server/full` and others.

@@ -229,7 +229,7 @@ async def test_a_list_without_end_is_cut_off(monkeypatch: pytest.MonkeyPatch) ->
     ("options", "why"),
     [
         ({"sigth": 2}, "create has no option 'sigth'; did you mean 'sight'?"),
-        ({"colour": "red"}, "create has no option 'colour'; docs/protocol.md lists the options"),
+        ({"colour": "red"}, "create has no option 'colour'; docs/messages.md lists the options"),
         ({"seats": "many"}, "seats: Input should be a valid integer, found 'many'"),
     ],
 )

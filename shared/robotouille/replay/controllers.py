@@ -122,7 +122,9 @@ EXPORTED: Mapping[str, Mapping[str, str]] = {
         "busy": "steps for which players were still busy when the step began, by player",
         "observations": "with `--texts`: the text view of the state after the step, by player",
     },
-    "outcome": {"…": "all fields of the [outcome](protocol.md), such as `reason` and `seats`"},
+    "outcome": {
+        "…": "all fields of the [outcome](messages.md#outcomerow), such as `reason` and `seats`"
+    },
 }  # fmt: skip
 """Fields of each kind of exported line, after `kind`, for docs/recordings.md."""
 

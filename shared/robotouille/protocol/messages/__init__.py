@@ -1,7 +1,7 @@
 """Messages of the wire protocol, version 1, as two discriminated unions.
 
 Clients send `ClientMessage`s and the server sends `ServerMessage`s; `type` names the message.
-Import all names from this package. The message reference in docs/protocol.md is generated from
+Import all names from this package. The message reference in docs/messages.md is generated from
 the models.
 """
 

@@ -165,7 +165,7 @@ class Create(Message):
     sight: SightDistance | None = Field(
         default=None,
         description="Number of tiles that players see in each direction. Their clients receive "
-        "nothing else; see [Sight](#sight).",
+        "nothing else; see [Sight](protocol.md#sight).",
     )
     sight_blocked: bool | None = Field(
         default=None, description="True if stations hide what is behind them."
@@ -233,7 +233,7 @@ class Join(Message):
     partial: bool = Field(
         default=False,
         description="True: the client can play with a part of the state. Required for the views "
-        "`state` and `both` in episodes with limited [sight](#sight).",
+        "`state` and `both` in episodes with limited [sight](protocol.md#sight).",
     )
     agent: Annotated[str, Field(max_length=200), Line] = Field(
         default="",
