@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Sized
 from statistics import fmean
 
 from robotouille.html_report.intervals import Interval
@@ -56,3 +56,9 @@ def new_table(
 def reference_row(*cells: str) -> TableRow:
     """Return a row of published results."""
     return TableRow(cells, reference=True)
+
+
+def left_out(what: str, groups: Sized, shown: Sized) -> str:
+    """Return a sentence about the groups that a table leaves out, or an empty text."""
+    left = len(groups) - len(shown)
+    return f" {left} more {what}, those with the fewest episodes, are left out." if left else ""

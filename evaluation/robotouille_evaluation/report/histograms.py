@@ -16,7 +16,12 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 from robotouille.html_report.figures import INK, SOFT, ReportFigure
 from robotouille_evaluation.metrics.outcomes import optimality_rate, succeeded
 from robotouille_evaluation.metrics.rows import ResultRow
-from robotouille_evaluation.report.bins import OPTIMALITY_BINS, STEPS_TO_GO_BINS, optimality_bin
+from robotouille_evaluation.report.bins import (
+    OPTIMALITY_BINS,
+    STEPS_TO_GO_BINS,
+    bin_of_steps_to_go,
+    optimality_bin,
+)
 from robotouille_evaluation.report.grouping import (
     RowGroups,
     datasets,
@@ -32,7 +37,6 @@ from robotouille_evaluation.report.panels import (
     short_name,
 )
 from robotouille_evaluation.report.reference import Reference, Shares
-from robotouille_evaluation.report.tables import bin_of_steps_to_go
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -23,20 +23,17 @@ from robotouille_evaluation.metrics import (
 from robotouille_evaluation.metrics.rows import FailureRow, RealTimeRow
 from robotouille_evaluation.report import published
 from robotouille_evaluation.report.appendix_tables import horizons, recovery
+from robotouille_evaluation.report.bins import bin_of_steps_to_go
+from robotouille_evaluation.report.comparison_tables import ablations, comparisons, variants
 from robotouille_evaluation.report.grouping import datasets, may_be_react, named, task_number, tasks
-from robotouille_evaluation.report.tables import (
-    ablations,
-    all_tables,
-    bin_of_steps_to_go,
-    comparisons,
-    csv_text,
-    real_time,
+from robotouille_evaluation.report.success_tables import (
     scores,
     scores_by_task,
     success_by_dataset,
     success_by_task,
-    variants,
 )
+from robotouille_evaluation.report.tables import all_tables, csv_text
+from robotouille_evaluation.report.team_tables import real_time
 from robotouille_evaluation.report.write import write_parquet
 from tests.support.episode_rows import made_up_rows, row, shift_row
 
