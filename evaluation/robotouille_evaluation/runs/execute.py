@@ -94,37 +94,21 @@ async def play_job(
         RobotouilleError: The job does not belong to the pack.
     """
     begun = context.clock()
-    pack = context.pack
-    world = world_of(pack, job.instance, job.seats)
-    budget = job.step_budget(pack).steps * job.slack
-    limit = math.ceil(budget)
-    episode = _JobEpisode(job, context, world, budget, wrap)
-    error = None
-    with ExitStack() as journals:
-        try:
-            result = await episode.play(episode.completes(model, journals))
-        except RobotouilleError as fault:
-            result, error = episode.failed(), str(fault)
-        except ContextOverflow:
-            # This is not a model error: the strategy could not shorten its request any further.
-            result, error = episode.failed(), "the conversation is too long for the model"
+    episode = _JobEpisode(job, context, wrap)
+    result, error = await episode.attempt(model)
     episode.finish_shift()
     recordings = [runner.recording(error or "the agent is done") for runner in episode.runners]
-    measured = _Measured(EpisodeMeasures())
-    if recordings:
-        measured = _measure_recording(
-            recordings[-1], world, pack, job, limit, steps_to_go=context.steps_to_go
-        )
+    measured = _measure(recordings, episode, context)
     try:
         recording = _write(context.folder, job, recordings)
     except FileError as fault:
         recording, error = None, error or str(fault)
     return ResultRow(
-        **_job_fields(job, pack),
+        **_job_fields(job, context.pack),
         run=context.run,
-        timing=world.task.timing.value,
+        timing=episode.world.task.timing.value,
         attempts=max(1, len(episode.runners)),
-        budget=_budget_row(job, limit),
+        budget=_budget_row(job, episode.limit),
         outcome=result,
         score=measured.score,
         counts=_counts(episode),
@@ -155,50 +139,56 @@ def world_of(pack: Pack, instance: str, seats: int) -> World:
 class _JobEpisode:
     """Episode of a job, with its runners, exchanges and usage so far."""
 
-    def __init__(
-        self,
-        job: EpisodeJob,
-        context: RunContext,
-        world: World,
-        budget: float,
-        wrap: RunnerWrapper | None,
-    ) -> None:
-        self._job = job
+    def __init__(self, job: EpisodeJob, context: RunContext, wrap: RunnerWrapper | None) -> None:
+        self.job = job
+        self.world = world_of(context.pack, job.instance, job.seats)
+        self._budget = job.step_budget(context.pack).steps * job.slack
+        self.limit = math.ceil(self._budget)
         self._folder = context.folder
-        self._world = world
-        self._budget = budget
         self._wrap = wrap
-        self._agents = JobAgents(job, context.pack, world)
-        self._reversal = reversal_of(job, context.pack, world)
+        self._agents = JobAgents(job, context.pack, self.world)
+        self._reversal = reversal_of(job, context.pack, self.world)
         self.runners: list[RecordedRunner] = []
         self.usages: list[Usage] = []
         """Usage of all calls, including failed ones."""
         self.retries = 0
 
-    def completes(self, model: Model | None, journals: ExitStack) -> dict[str, Complete]:
+    async def attempt(self, model: Model | None) -> tuple[Result, str | None]:
+        """Play to the end, or until something fails. Return the result and the error if any."""
+        with ExitStack() as journals:
+            try:
+                return await self._play(self._completes(model, journals)), None
+            except RobotouilleError as fault:
+                error = str(fault)
+            except ContextOverflow:
+                # This is not a model error: the strategy could not shorten its request any further.
+                error = "the conversation is too long for the model"
+        steps = self.runners[-1].steps if self.runners else 0
+        return Result(success=False, steps=steps, ended_by="error"), error
+
+    def _completes(self, model: Model | None, journals: ExitStack) -> dict[str, Complete]:
         """Return the functions that ask the model for each player, each with its journal."""
         return {
             player: asking_once(
                 model,
-                journals.enter_context(CallJournal(self._folder.calls(self._job, player))),
+                journals.enter_context(CallJournal(self._folder.calls(self.job, player))),
                 self._spend,
             )
-            for player in self._world.players
+            for player in self.world.players
         }
 
     def _spend(self, usage: Usage, attempts: int) -> None:
         self.usages.append(usage)
         self.retries += attempts - 1
 
-    async def play(self, complete: Mapping[str, Complete]) -> Result:
-        """Play to the end. Raises RobotouilleError or ContextOverflow."""
-        players, agents = self._world.players, self._agents
+    async def _play(self, complete: Mapping[str, Complete]) -> Result:
+        players, agents = self.world.players, self._agents
         ended: TeamResult | TextEpisodeResult
-        if self._job.real_time is not None:
-            ended = await self._play_in_real_time(self._job.real_time, complete)
+        if self.job.real_time is not None:
+            ended = await self._play_in_real_time(self.job.real_time, complete)
         elif len(players) == 1:
             alone = TextEpisode(
-                self._world,
+                self.world,
                 agents.strategies[players[0]],
                 self._budget,
                 begin=self._begin,
@@ -207,30 +197,25 @@ class _JobEpisode:
             )
             ended = await answer_all(alone.play(), complete[players[0]])
         else:
-            runner = self._begin(math.ceil(self._budget))
+            runner = self._begin(self.limit)
             ended = await play_team(agents.team(complete), runner, self._budget, agents.view)
         return Result(success=ended.success, steps=ended.steps, ended_by=ended.ended.value)
-
-    def failed(self) -> Result:
-        """Return the result of an episode that could not be played to its end."""
-        steps = self.runners[-1].steps if self.runners else 0
-        return Result(success=False, steps=steps, ended_by="error")
 
     def finish_shift(self) -> None:
         """Let the rest of a shift pass without actions, so that orders expire.
 
         Otherwise, an agent that gives up could earn more than one that serves late.
         """
-        if self._world.shift is None or not self.runners:
+        if self.world.shift is None or not self.runners:
             return
-        runner, limit = self.runners[-1], math.ceil(self._budget)
-        while not runner.state.shift_over and runner.steps < limit:
+        runner = self.runners[-1]
+        while not runner.state.shift_over and runner.steps < self.limit:
             runner.step({})
 
     async def _play_in_real_time(
         self, timing: RealTime, complete: Mapping[str, Complete]
     ) -> TeamResult:
-        runner = self._new_runner(math.ceil(self._budget), timing.step_rate)
+        runner = self._new_runner(self.limit, timing.step_rate)
         seats = {
             player: RealTimeSeat(
                 player, strategy, timing.late, timing.digest_tokens, timing.max_age
@@ -253,9 +238,9 @@ class _JobEpisode:
         return runner if self._wrap is None else self._wrap(runner)
 
     def _new_runner(self, limit: int, step_rate: float | None = None) -> RecordedRunner:
-        job, players = self._job, self._world.players
+        job, players = self.job, self.world.players
         runner = RecordedRunner(
-            self._world,
+            self.world,
             dict.fromkeys(players, job.agent.name),
             episode_rules(len(players), limit, step_rate),
             kind="model" if job.agent.kind == "model" else "bot",
@@ -344,21 +329,19 @@ class _Measured:
     score: ScoreRow | None = None
 
 
-def _measure_recording(
-    content: bytes, world: World, pack: Pack, job: EpisodeJob, limit: int, *, steps_to_go: bool
-) -> _Measured:
-    """Return the measures of a recorded trial, its repeated transitions, and a shift's score.
-
-    Args:
-        steps_to_go: True to search how far the goal was at the end, which is slow.
-    """
-    recording = Recording(content)
+def _measure(recordings: Sequence[bytes], episode: _JobEpisode, context: RunContext) -> _Measured:
+    """Return the measures of the last trial, its repeated transitions, and a shift's score."""
+    if not recordings:
+        return _Measured(EpisodeMeasures())
+    pack, job, world = context.pack, episode.job, episode.world
+    recording = Recording(recordings[-1])
     recording.world = world
     trajectory = Trajectory.recorded(recording)
     instance = pack.instance(job.instance)
-    measures_distance = steps_to_go and world.shift is None
+    measures_distance = context.steps_to_go and world.shift is None
     distance = distance_in(pack, instance, world) if measures_distance else None
-    found = measure(trajectory, limit, distance=distance, fewest=instance.optimal(job.seats))
+    fewest = instance.optimal(job.seats)
+    found = measure(trajectory, episode.limit, distance=distance, fewest=fewest)
     return _Measured(found, repeated_transitions(trajectory), score(trajectory))
 
 
