@@ -16,6 +16,7 @@ from robotouille_client.console import failing
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from robotouille.domain.task import Task
     from robotouille_evaluation.cross_play.matrix import CrossEpisode
 
 
@@ -52,32 +53,13 @@ def cross_play(
 
     Rows have the partner in the first seat, columns the partner in all other seats.
     """
-    from robotouille.compiling import COMPILED
-    from robotouille.domain.loading import load_task
-    from robotouille.planning.policies.skill import SKILLS
-    from robotouille.world.world import World
-    from robotouille_evaluation.cross_play.matrix import (
-        csv_text,
-        json_text,
-        measures_of,
-        play_pairs,
-        text_table,
-    )
+    from robotouille_evaluation.cross_play.matrix import measures_of, play_pairs, text_table
     from robotouille_evaluation.cross_play.partners import partners_named
 
-    if options.out is not None:
-        if options.out.suffix not in (".csv", ".json"):
-            raise RobotouilleError(f"--out: expected a file .csv or .json, found {options.out}")
-        check_file(options.out)
-    loaded = load_task(task)
-    if len(World(loaded).players) < 2:
-        raise RobotouilleError(f"cross-play needs two seats or more; {task} has one")
+    _check_out(options.out)
+    loaded = _team_task(task)
     population = partners_named(partners, loaded)
-    if not COMPILED and not {*SKILLS}.isdisjoint(partners):
-        tell(
-            "planners search in plain Python, which is slow: pip install 'robotouille[fast]'",
-            err=True,
-        )
+    _warn_of_slow_planners(partners)
     shift = loaded.problem.shift
     most = options.max_steps if shift is None else shift.steps * loaded.profile.delay_factor
     names, measures = [each.name for each in population], measures_of(loaded)
@@ -92,8 +74,45 @@ def cross_play(
             tell(printable(line))
         tell("")
     if options.out is not None:
-        if options.out.suffix == ".csv":
-            text = csv_text(played, names, measures)
-        else:
-            text = json_text(played, loaded, options.seed)
-        replace_file(options.out, text)
+        _write(options.out, played, names, loaded, options.seed)
+
+
+def _check_out(out: Path | None) -> None:
+    if out is None:
+        return
+    if out.suffix not in (".csv", ".json"):
+        raise RobotouilleError(f"--out: expected a file .csv or .json, found {out}")
+    check_file(out)
+
+
+def _team_task(name: str) -> Task:
+    from robotouille.domain.loading import load_task
+    from robotouille.world.world import World
+
+    task = load_task(name)
+    if len(World(task).players) < 2:
+        raise RobotouilleError(f"cross-play needs two seats or more; {name} has one")
+    return task
+
+
+def _warn_of_slow_planners(partners: Sequence[str]) -> None:
+    from robotouille.compiling import COMPILED
+    from robotouille.planning.policies.skill import SKILLS
+
+    if not COMPILED and not {*SKILLS}.isdisjoint(partners):
+        tell(
+            "planners search in plain Python, which is slow: pip install 'robotouille[fast]'",
+            err=True,
+        )
+
+
+def _write(
+    out: Path, played: Sequence[CrossEpisode], names: Sequence[str], task: Task, seed: int
+) -> None:
+    """Write the means as CSV, or all episodes as JSON."""
+    from robotouille_evaluation.cross_play.matrix import csv_text, json_text, measures_of
+
+    if out.suffix == ".csv":
+        replace_file(out, csv_text(played, names, measures_of(task)))
+    else:
+        replace_file(out, json_text(played, task, seed))
