@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import json
 import sys
-import time
-from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from robotouille.certification.certificate import Deadline
-from robotouille.domain.task import Timing
 from robotouille.errors import RobotouilleError
 from robotouille.files.writing import check_file, replace_file
-from robotouille.planning.steps_to_go import Range, StepsLeft, quotient
+from robotouille.planning.steps_to_go import StepsLeft
 from robotouille.replay.annotations import agreement, read_annotations, read_codebook
 from robotouille.replay.annotations import rows as agreement_rows
 from robotouille.replay.controllers import json_lines
@@ -27,6 +23,14 @@ from robotouille.replay.model_calls import call_texts
 from robotouille.replay.recording import Recording, read_recording
 from robotouille.replay.timeline import course, course_text, note_lines
 from robotouille.terminal import options_from, printable, printable_json, tell
+from robotouille_client.cli.recording_info import info_rows, info_texts, no_outcome
+from robotouille_client.cli.steps_to_go import (
+    all_steps_to_go,
+    step_text,
+    steps_json,
+    summary,
+    with_progress,
+)
 from robotouille_client.console import (
     JsonOption,
     LenientOption,
@@ -42,9 +46,6 @@ from robotouille_client.console import (
 replay = typer.Typer(
     no_args_is_help=True, help="Show, verify, measure, watch and export recordings."
 )
-
-PATIENCE = 2.0
-"""Seconds before progress is shown."""
 
 FileArgument = Annotated[
     Path, typer.Argument(help="Recording (.rbt, or .rbt.part while it is being written).")
@@ -123,72 +124,14 @@ def info(
 ) -> None:
     """Show the task, the participants and their steps, pauses, and the outcome."""
     recording = _open(file, damaged=damaged)
-    rows = _info(recording)
+    rows = info_rows(recording)
     if json_output:
         head = recording.header
         names = {key: head.get(key, "") for key in ("episode", "code", "owner")}
         typer.echo(json.dumps({**rows, **names, **course(recording)}))
         return
-    for key, value in [*_info_texts(file, rows).items(), *course_text(recording)]:
+    for key, value in [*info_texts(file, rows).items(), *course_text(recording)]:
         tell(printable(f"{key:10} {value}"))
-
-
-def _info(recording: Recording) -> dict[str, Any]:
-    head, seats = recording.header, recording.measures().seats
-    task = head["task"]
-    return {
-        "task": task["name"],
-        "goal": task["problem"].get("goal_description", ""),
-        "clock": head["rules"]["clock"],
-        "timing": task["timing"],
-        "sight": _sight(head["rules"]),
-        "seed": head["seed"],
-        "created": head["created"],
-        "software": head["software"],
-        "labels": head.get("labels", {}),
-        "treated": head.get("treatments", {}),
-        "seats": {p: f"{name} ({kind})" for p, (name, kind) in recording.participants.items()},
-        "steps": recording.length,
-        "rejected": {p: dict(sorted(seat.all_rejected.items())) for p, seat in seats.items()},
-        "activities": {player: seat.activities for player, seat in seats.items()},
-        "staleness": {player: seat.staleness for player, seat in seats.items()},
-        "outcome": recording.outcome,
-    }
-
-
-def _sight(rules: dict[str, Any]) -> str:
-    """Return in words how far players see."""
-    tiles = rules.get("sight")
-    far = "everything" if tiles is None else f"{tiles} tile{'s' * (tiles != 1)}"
-    return f"{far} not behind stations" if rules.get("sight_blocked") else far
-
-
-def _info_texts(file: Path, rows: dict[str, Any]) -> dict[str, Any]:
-    end = rows["outcome"]
-    staleness = [f"{p}: {age:.1f} steps" for p, age in rows["staleness"].items() if age is not None]
-    return {
-        **rows,
-        "seats": ", ".join(f"{player}: {who}" for player, who in rows["seats"].items()),
-        "labels": ", ".join(f"{k}={v}" for k, v in rows["labels"].items()) or "-",
-        "treated": _by_player(rows["treated"], "{0} {1}"),
-        "rejected": _by_player(rows["rejected"], "{1} {0}"),
-        "activities": _by_player(rows["activities"], "{1} {0}"),
-        "staleness": ", ".join(staleness) or "-",
-        "outcome": f"{end['reason']} after {end['seconds']} s" if end else _no_outcome(file),
-    }
-
-
-def _by_player(rows: dict[str, dict[str, Any]], form: str) -> str:
-    texts = {
-        player: ", ".join(form.format(name, value) for name, value in row.items() if value)
-        for player, row in rows.items()
-    }
-    return "; ".join(f"{player}: {text}" for player, text in texts.items() if text) or "-"
-
-
-def _no_outcome(file: Path) -> str:
-    unfinished = file.suffix == ".part"
-    return "no outcome: it is being played, or was left" if unfinished else "no outcome: cut off"
 
 
 @replay.command()
@@ -240,7 +183,7 @@ def verify(files: Annotated[list[Path], typer.Argument(help="Recordings.")]) -> 
             tell(printable(f"{explain(error)}{near if _is_readable(file) else ''}"), err=True)
             failed = True
             continue
-        cut = "" if result.complete else f" ({_no_outcome(file)})"
+        cut = "" if result.complete else f" ({no_outcome(file)})"
         if result.ok:
             tell(printable(f"{file}: verified, {result.steps} steps{cut}"))
         else:
@@ -269,94 +212,26 @@ def steps(
     if the file cannot be read.
     """
     recording, deadline = _open(file), Deadline(seconds)
-    silent = json_output or not sys.stdout.isatty()
     rows: list[StepsLeft] = []
     try:
         found = distances(recording, expansions, deadline)
-        found = _with_progress(found, recording.length, silent)
+        if json_output or not sys.stdout.isatty():
+            found = with_progress(found, recording.length)
         frames = chain((None,), recording.each_step())
         for frame, row in zip(frames, found, strict=True):
             rows.append(row)
             if not json_output:
-                tell(_step_text(recording, frame, row))
+                tell(step_text(recording, frame, row))
     except RobotouilleError as error:
         fail(explain(error))
     except KeyboardInterrupt:
         fail("interrupted", 130)
     if json_output:
-        typer.echo(json.dumps(_steps_json(recording, rows)))
+        typer.echo(json.dumps(steps_json(recording, rows)))
     else:
-        tell("\n".join(_summary(recording, rows)))
+        tell("\n".join(summary(recording, rows)))
     if deadline.struck:
         tell(f"stopped after {seconds:g} s: later steps show bounds only (see --seconds)", err=True)
-
-
-def _with_progress(
-    found: Iterator[StepsLeft], length: int, show_progress: bool
-) -> Iterator[StepsLeft]:
-    began, status = time.monotonic(), Console(stderr=True).status("")
-    try:
-        for step in range(length + 1):
-            if show_progress and time.monotonic() - began > PATIENCE:
-                status.update(f"step {step} of {length}")
-                status.start()
-            yield next(found)
-    finally:
-        status.stop()
-
-
-def _rate(recording: Recording, rows: Sequence[StepsLeft]) -> Range | None:
-    """Return the optimality rate, or None without success or with timing `people`."""
-    if rows[-1].steps != 0 or recording.task.timing is not Timing.BENCHMARK:
-        return None
-    taken = len(rows) - 1
-    return quotient(StepsLeft(taken, taken), rows[0])
-
-
-def _steps_json(recording: Recording, rows: Sequence[StepsLeft]) -> dict[str, Any]:
-    rate, left = _rate(recording, rows), quotient(rows[-1], rows[0])
-    return {
-        "task": recording.task.name,
-        "seats": recording.task.seats,
-        "steps": [{"step": i, **asdict(row), "exact": row.exact} for i, row in enumerate(rows)],
-        "success": rows[-1].steps == 0,
-        "optimality_rate": rate and asdict(rate),
-        "normalized_steps_to_go": left and asdict(left),
-    }
-
-
-def _step_text(recording: Recording, frame: dict[str, Any] | None, row: StepsLeft) -> str:
-    if frame is None:
-        return f" step  to go\n{0:5}  {_left(row):>5}"
-    actions = "; ".join(map(str, recording.actions(frame))) or "-"
-    return f"{frame['step']:5}  {_left(row):>5}  {actions}"
-
-
-def _summary(recording: Recording, rows: Sequence[StepsLeft]) -> Iterator[str]:
-    yield ""
-    if recording.task.timing is not Timing.BENCHMARK:
-        yield "Steps to go ignore the longer delays of this recording's timing."
-    yield f"steps taken             {len(rows) - 1}"
-    yield f"fewest possible         {_left(rows[0])}"
-    yield f"optimality rate         {_range(_rate(recording, rows))}"
-    out_of_reach = "the goal is out of reach" if rows[-1].dead else ""
-    yield f"normalized steps to go  {out_of_reach or _range(quotient(rows[-1], rows[0]))}"
-
-
-def _left(row: StepsLeft) -> str:
-    if row.dead:
-        return "never"
-    if row.exact:
-        return str(row.steps)
-    return f"{row.bound}-{'?' if row.steps is None else row.steps}"
-
-
-def _range(found: Range | None) -> str:
-    if found is None:
-        return "-"
-    if found.least == found.most:
-        return f"{found.least:.2f}"
-    return f"{found.least:.2f} to {'?' if found.most is None else f'{found.most:.2f}'}"
 
 
 @replay.command()
@@ -497,11 +372,7 @@ def page(
         check_file(output, "OUTPUT")
         codes = None if codebook is None else read_codebook(codebook)
         recordings = [options.open(file) for file in files]
-        left, struck = [], False
-        for recording in recordings if steps_to_go else ():
-            deadline = Deadline(seconds / len(recordings))
-            left.append(_steps_to_go(recording, deadline))
-            struck = struck or deadline.struck
+        left, struck = all_steps_to_go(recordings, seconds) if steps_to_go else ([], False)
         text = replay_page(
             list(zip(labels([file.stem for file in files]), recordings, strict=True)),
             rendering=options.rendering,
@@ -517,28 +388,6 @@ def page(
     if struck:
         tell(f"stopped after {seconds:g} s: some steps to go are missing (--seconds)", err=True)
     tell(f"{output}: {len(text.encode()):,} bytes")
-
-
-def _steps_to_go(recording: Recording, deadline: Deadline) -> Sequence[list[Any] | None]:
-    """Return what can be found out about the steps to go, and show progress after a while.
-
-    A shift has no goal, so it has no steps to go.
-    """
-    from robotouille.web.recording_page import steps_to_go
-
-    if recording.task.problem.shift is not None:
-        return []
-    began, status = time.monotonic(), Console(stderr=True).status("")
-    rows: list[list[Any] | None] = []
-    try:
-        for rows in steps_to_go(recording, recording.length, deadline):
-            if time.monotonic() - began > PATIENCE:
-                known = sum(row is not None for row in rows)
-                status.update(f"steps to go: {known} of {len(rows)} steps")
-                status.start()
-    finally:
-        status.stop()
-    return rows
 
 
 @replay.command("agreement")

@@ -1,0 +1,129 @@
+"""Steps to go of recordings: search with progress, texts and JSON."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from typing import Any
+
+from rich.console import Console
+
+from robotouille.certification.certificate import Deadline
+from robotouille.domain.task import Timing
+from robotouille.planning.steps_to_go import Range, StepsLeft, quotient
+from robotouille.replay.recording import Recording
+
+PATIENCE = 2.0
+"""Seconds before progress is shown."""
+
+
+@contextmanager
+def _late_status() -> Iterator[Callable[[str], None]]:
+    """Yield a function that shows progress on stderr once the context has lasted for a while."""
+    began, status = time.monotonic(), Console(stderr=True).status("")
+
+    def show(words: str) -> None:
+        if time.monotonic() - began > PATIENCE:
+            status.update(words)
+            status.start()
+
+    try:
+        yield show
+    finally:
+        status.stop()
+
+
+def with_progress(found: Iterator[StepsLeft], length: int) -> Iterator[StepsLeft]:
+    """Yield the results for steps 0 to `length`, and show progress after a while."""
+    with _late_status() as show:
+        for step in range(length + 1):
+            show(f"step {step} of {length}")
+            yield next(found)
+
+
+def all_steps_to_go(
+    recordings: Sequence[Recording], seconds: float
+) -> tuple[list[Sequence[list[Any] | None]], bool]:
+    """Return the steps to go of each recording, and whether the time ran out."""
+    found, struck = [], False
+    for recording in recordings:
+        deadline = Deadline(seconds / len(recordings))
+        found.append(_steps_to_go(recording, deadline))
+        struck = struck or deadline.struck
+    return found, struck
+
+
+def _steps_to_go(recording: Recording, deadline: Deadline) -> Sequence[list[Any] | None]:
+    """Return what can be found out about the steps to go, and show progress after a while.
+
+    A shift has no goal, so it has no steps to go.
+    """
+    from robotouille.web.recording_page import steps_to_go
+
+    if recording.task.problem.shift is not None:
+        return []
+    rows: list[list[Any] | None] = []
+    with _late_status() as show:
+        for rows in steps_to_go(recording, recording.length, deadline):
+            known = sum(row is not None for row in rows)
+            show(f"steps to go: {known} of {len(rows)} steps")
+    return rows
+
+
+def _rate(recording: Recording, rows: Sequence[StepsLeft]) -> Range | None:
+    """Return the optimality rate, or None without success or with timing `people`."""
+    if rows[-1].steps != 0 or recording.task.timing is not Timing.BENCHMARK:
+        return None
+    taken = len(rows) - 1
+    return quotient(StepsLeft(taken, taken), rows[0])
+
+
+def steps_json(recording: Recording, rows: Sequence[StepsLeft]) -> dict[str, Any]:
+    """Return the steps to go and the rates as JSON values."""
+    rate, left = _rate(recording, rows), quotient(rows[-1], rows[0])
+    return {
+        "task": recording.task.name,
+        "seats": recording.task.seats,
+        "steps": [{"step": i, **asdict(row), "exact": row.exact} for i, row in enumerate(rows)],
+        "success": rows[-1].steps == 0,
+        "optimality_rate": rate and asdict(rate),
+        "normalized_steps_to_go": left and asdict(left),
+    }
+
+
+def step_text(recording: Recording, frame: dict[str, Any] | None, row: StepsLeft) -> str:
+    """Return the line of a step; without a frame, the head and the line of the beginning."""
+    if frame is None:
+        return f" step  to go\n{0:5}  {_left(row):>5}"
+    actions = "; ".join(map(str, recording.actions(frame))) or "-"
+    return f"{frame['step']:5}  {_left(row):>5}  {actions}"
+
+
+def summary(recording: Recording, rows: Sequence[StepsLeft]) -> Iterator[str]:
+    """Yield the lines below the steps."""
+    yield ""
+    if recording.task.timing is not Timing.BENCHMARK:
+        yield "Steps to go ignore the longer delays of this recording's timing."
+    yield f"steps taken             {len(rows) - 1}"
+    yield f"fewest possible         {_left(rows[0])}"
+    yield f"optimality rate         {_range(_rate(recording, rows))}"
+    out_of_reach = "the goal is out of reach" if rows[-1].dead else ""
+    yield f"normalized steps to go  {out_of_reach or _range(quotient(rows[-1], rows[0]))}"
+
+
+def _left(row: StepsLeft) -> str:
+    if row.dead:
+        return "never"
+    if row.exact:
+        return str(row.steps)
+    return f"{row.bound}-{'?' if row.steps is None else row.steps}"
+
+
+def _range(found: Range | None) -> str:
+    if found is None:
+        return "-"
+    if found.least == found.most:
+        return f"{found.least:.2f}"
+    return f"{found.least:.2f} to {'?' if found.most is None else f'{found.most:.2f}'}"
