@@ -8,8 +8,8 @@ from typing import Unpack
 
 from robotouille.protocol import messages
 from robotouille_client.sansio.game_events import ActResult, GameEnded, GameEvent
-from robotouille_client.sansio.game_replica import ActDetails, GameReplica
-from robotouille_client.sansio.sent_actions import RequestedAction
+from robotouille_client.sansio.game_replica import GameReplica
+from robotouille_client.sansio.sent_actions import ActDetails, RequestedAction
 
 __all__ = ["ActDetails", "Game", "RequestedAction"]
 

@@ -8,20 +8,17 @@ and calls `handle_timer` when `get_timer` says so. After each call, the owner co
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, TypedDict, Unpack
+from typing import Any, Unpack
 
-from robotouille.domain.task import Task
 from robotouille.episode.quota import MAX_NOTE
 from robotouille.episode.rules import MIN_STEP_RATE, Clock
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
-from robotouille.protocol.states import StateReader
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.signals import Intent, signal_from
-from robotouille.world.sight import Seen
 from robotouille.world.unmet import only_words
-from robotouille.world.world import State, World, shared_world
+from robotouille.world.world import State, World
 from robotouille_client.sansio.event_queue import EventQueue
 from robotouille_client.sansio.game_events import (
     ActRejected,
@@ -39,7 +36,13 @@ from robotouille_client.sansio.game_events import (
     TeamTold,
     unmet_from,
 )
-from robotouille_client.sansio.sent_actions import RequestedAction, SentActions, wire_action
+from robotouille_client.sansio.sent_actions import (
+    ActDetails,
+    RequestedAction,
+    SentActions,
+    wire_action,
+)
+from robotouille_client.sansio.state_copy import StateCopy
 
 # Errors that answer a chat message or note. `say` and `note` have no `ref` to match.
 CHAT_ERRORS = frozenset({
@@ -61,30 +64,6 @@ MAX_SPECTATOR_NAMES = 8
 RESYNC_EVERY = 20
 
 
-class ActDetails(TypedDict, total=False):
-    """Optional details of an action.
-
-    Attributes:
-        think_ms: Milliseconds of thought, for episodes in which thinking time is declared.
-        basis: The step on which the choice is based, for the recording. Defaults to the current
-            step; None leaves it open.
-        max_age: Most steps from `basis` to the state in which the action is tried. An older action
-            is rejected with `action/stale`. Servers without this rule reject the message.
-        reasoning: Text for the recording that no player sees, of at most 8,000 characters.
-        anticipates: True if the action may become valid through another action in the same step.
-            Servers that do not support this reject an action that is not valid yet.
-        waits: True if a decision to do nothing means waiting for a blocked station or a teammate.
-            The recording does not count waiting as idle.
-    """
-
-    think_ms: int
-    basis: int | None
-    max_age: int | None
-    reasoning: str | None
-    anticipates: bool
-    waits: bool
-
-
 class GameReplica:
     """One episode: its state, its events and its participant's requests.
 
@@ -98,8 +77,6 @@ class GameReplica:
         rematch_code: The code of the rematch, once a participant has asked for one.
         ended: True if no more events follow: the episode ended, or the client is out of it.
         farewell: The reason for `ended`.
-        hidden: The objects out of sight; None if the client receives the whole state. Otherwise
-            `state` has no facts about them, so it is not for simulation.
     """
 
     def __init__(self, joined: messages.Joined) -> None:
@@ -128,8 +105,7 @@ class GameReplica:
         self._repeatable = range(1, joined.said + 1)
         self.ended = False
         self.farewell = ""
-        self.hidden: frozenset[str] | None = None
-        self._reader: StateReader | None = None
+        self._copy = StateCopy(self.seat, self.own_seats)
         self._observed: dict[str | None, ObservationReceived] = {}
         self._sent = SentActions(joined.seq)
         self._catch_up: int | None = None
@@ -149,14 +125,20 @@ class GameReplica:
         Raises:
             RuntimeError: No state is known, because no snapshot has arrived or the view is `text`.
         """
-        if self._reader is None:
-            raise RuntimeError("no state: the view is 'text', or no snapshot has arrived yet")
-        return self._reader.state
+        return self._copy.state
 
     @property
     def has_state(self) -> bool:
         """True if there is a `state`: a snapshot has arrived, and the view is not `text`."""
-        return self._reader is not None
+        return self._copy.known
+
+    @property
+    def hidden(self) -> frozenset[str] | None:
+        """The objects out of sight; None if the client receives the whole state.
+
+        `state` has no facts about these objects, so it is not for simulation.
+        """
+        return self._copy.hidden
 
     @property
     def world(self) -> World:
@@ -166,9 +148,7 @@ class GameReplica:
     @property
     def actions(self) -> tuple[GroundAction, ...]:
         """The valid actions of `seat`; with limited sight, those that seem valid."""
-        if self.hidden is None or self.seat is None:
-            return self.state.actions(self.seat) if self.seat else ()
-        return self._seen_state(self.hidden).actions_of(self.seat)
+        return self._copy.actions
 
     @property
     def goal_reached(self) -> bool:
@@ -178,13 +158,7 @@ class GameReplica:
     @property
     def text_view(self) -> str:
         """The state in words for `seat`, or for a spectator."""
-        if self.hidden is None or self.seat is None:
-            return self.state.text_view(self.seat)
-        return self._seen_state(self.hidden).text_view(self.seat)
-
-    def _seen_state(self, hidden: frozenset[str]) -> Seen:
-        things = frozenset(thing.name for thing in self.state.objects) - hidden
-        return Seen(self.state, things, self.own_seats)
+        return self._copy.text_view
 
     @property
     def running(self) -> bool:
@@ -200,7 +174,7 @@ class GameReplica:
     def synced(self) -> bool:
         """True if a snapshot, or an observation of each seat, has arrived."""
         views = self.own_seats or (None,)
-        return self._reader is not None or all(seat in self._observed for seat in views)
+        return self.has_state or all(seat in self._observed for seat in views)
 
     @property
     def observation(self) -> ObservationReceived | None:
@@ -448,12 +422,11 @@ class GameReplica:
 
     def _snapshot(self, message: messages.Snapshot, now: float) -> None:
         # If a step is taken while a resync is under way, this snapshot may be older than the copy.
-        if self._reader is not None and message.step < self.step:
+        if self.has_state and message.step < self.step:
             return
         if not 0 <= message.step <= MAX_STEP:
             raise ProtocolError(ErrorCode.STATE_MISMATCH, f"invalid step {message.step}")
-        self._reader = self._read_state(message)
-        self.hidden = None if message.hidden is None else frozenset(message.hidden)
+        self._copy.read(message)
         self._resyncing = False
         self.step, self.phase, self.turn = message.step, message.phase, message.turn
         self.seats, self.clock = self._checked_seats(message.seats), _checked(message.clock)
@@ -470,21 +443,6 @@ class GameReplica:
         if message.outcome is not None:
             self._finish(message.outcome)
 
-    def _read_state(self, message: messages.Snapshot) -> StateReader:
-        if message.task is not None:
-            world = shared_world(Task.from_json(message.task, "the server's task"))
-        elif self._reader is not None:
-            world = self._reader.world
-        else:
-            raise ProtocolError(ErrorCode.STATE_MISMATCH, "the first snapshot contains no task")
-        values = message.model_dump(include={"facts", "timers", "busy", "orders"})
-        tables = message.model_dump(include={"predicates", "objects", "atoms"})
-        reader = StateReader(world, tables, values)
-        if reader.state.digest != message.hash:
-            fault = "the snapshot's hash does not match its state"
-            raise ProtocolError(ErrorCode.STATE_MISMATCH, fault)
-        return reader
-
     def _roster(self, message: messages.Roster, now: float) -> None:
         self.phase, self.seats = message.phase, self._checked_seats(message.seats)
         self.turn, self.pause = message.turn, message.pause
@@ -499,12 +457,12 @@ class GameReplica:
         self.starts_at = None if message.starts_in is None else now + message.starts_in
 
     def _checked_seats(self, seats: Sequence[messages.SeatInfo]) -> tuple[messages.SeatInfo, ...]:
-        if self._reader is not None and len(seats) > len(self.world.players):
+        if self.has_state and len(seats) > len(self.world.players):
             raise ProtocolError(ErrorCode.STATE_MISMATCH, "there are more seats than players")
         return tuple(seats)
 
     def _delta(self, message: messages.Delta, now: float) -> None:
-        if self._reader is None:
+        if not self.has_state:
             return
         if self._resyncing:
             # A snapshot was requested. Repeat the request from time to time, because the server may
@@ -519,18 +477,11 @@ class GameReplica:
             self._resync()
             return
         previous, turn = self.state, self.turn
-        try:
-            state = self._reader.apply(message.model_dump(exclude_defaults=True))
-        except ProtocolError:
-            self._resync()
-            return
-        # Only every tenth delta has a hash, because hashing a state costs time.
-        if message.hash is not None and state.digest != message.hash:
+        state = self._copy.apply(message)
+        if state is None:
             self._resync()
             return
         self.step, self.turn = message.step, message.turn
-        if message.hidden is not None:
-            self.hidden = frozenset(message.hidden)
         self.left, self.step_time = None, now
         taken = TakenStep.of(message, self.world)
         self.seats = taken.tallied(self.seats)

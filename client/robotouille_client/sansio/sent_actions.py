@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypedDict
 
 from robotouille.protocol import messages
 from robotouille.world.grounding.actions import GroundAction
@@ -19,6 +20,30 @@ SLOW_DOWN_SECONDS = 0.25
 RequestedAction = GroundAction | messages.NamedAction | str | int | None
 """Requested action: a ground or named action, a sentence, a position in the list of valid actions,
 or None to do nothing."""
+
+
+class ActDetails(TypedDict, total=False):
+    """Optional details of an action.
+
+    Attributes:
+        think_ms: Milliseconds of thought, for episodes in which thinking time is declared.
+        basis: The step on which the choice is based, for the recording. Defaults to the current
+            step; None leaves it open.
+        max_age: Most steps from `basis` to the state in which the action is tried. An older action
+            is rejected with `action/stale`. Servers without this rule reject the message.
+        reasoning: Text for the recording that no player sees, of at most 8,000 characters.
+        anticipates: True if the action may become valid through another action in the same step.
+            Servers that do not support this reject an action that is not valid yet.
+        waits: True if a decision to do nothing means waiting for a blocked station or a teammate.
+            The recording does not count waiting as idle.
+    """
+
+    think_ms: int
+    basis: int | None
+    max_age: int | None
+    reasoning: str | None
+    anticipates: bool
+    waits: bool
 
 
 class SentActions:
