@@ -55,6 +55,7 @@ class Walk:
         self.joined_once: dict[str, set[str]] = {}
         self.connections: list[Raw] = []
         self.strict = False
+        self.ended: set[str] = set()
         self.done: list[str] = []
         self.server: Server
         self.stack: AsyncExitStack
@@ -189,6 +190,10 @@ class Walk:
 
     async def restart(self) -> None:
         self.strict = self.random.random() < 0.5
+        rooms = self.server.lobby.rooms.values()
+        seated = {seat.session for room in rooms for seat in room.episode.seats.values()}
+        # Sessions without a seat end with their process.
+        self.ended |= self.server.sessions.by_id.keys() - seated
         await self.server.stop("restart", hand_over=True)
         self.connections.clear()
         await self.begin(seed=self.random.randrange(1, 10**6))
@@ -216,6 +221,7 @@ class Walk:
                 if who.participant.startswith("once-"):
                     self.joined_once.setdefault(who.participant, set()).add(who.id)
         for who in self.sessions():
+            assert who.id not in self.ended, self.done
             assert who.token_id not in self.decisions.revoked, self.done
             if who.token_id:
                 continue

@@ -158,7 +158,8 @@ async def test_spectators_who_resume_and_vanish_stay_bounded(tmp_path: Path) -> 
         before = len(server.sessions.by_id)
         for token in tokens:
             async with raw(server, hello=False) as eve:
-                await eve.ask({**HELLO, "resume": token}, "joined")
+                answer = await eve.ask({**HELLO, "resume": token}, "welcome")
+                assert answer.get("resumed", False) == (token in tokens[-most:])
         await asyncio.sleep(1)
         assert len(server.sessions.by_id) == before == 1 + most
         # The spectators who vanished last can come back.

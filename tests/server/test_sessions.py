@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import AsyncExitStack
 from pathlib import Path
 
 import pytest
@@ -10,12 +11,12 @@ import pytest
 from robotouille.replay.recording import read_recording
 from robotouille_client import Client, connect
 from robotouille_server.auth.roles import Role
-from robotouille_server.rooms.participants import used_generations
 from tests.support.lost_connections import cut
-from tests.support.servers import Raw, raw, serving, with_clients
+from tests.support.servers import Raw, crash, raw, serving, with_clients
 from tests.support.virtual_time import run, virtual
 
 HELLO = {"type": "hello", "protocol": 1, "name": "ada"}
+CREATE = {"type": "create", "task": "multi_agent/02"}
 
 
 async def seated(client: Raw, task: str = "multi_agent/02", **options: object) -> dict:  # type: ignore[type-arg]
@@ -42,34 +43,38 @@ class TestResumeTokens:
                     answer = await thief.ask({**HELLO, "resume": old}, "welcome")
                     assert (answer["code"], answer["field"]) == ("auth/expired", "resume")
 
-    @pytest.mark.parametrize("leaves", [False, True])
+    @pytest.mark.parametrize("ends", ["grace", "leave", "restart", "crash"])
     @virtual
-    async def test_replaced_token_of_a_forgotten_spectator_stays_invalid(
-        self, tmp_path: Path, leaves: bool
+    async def test_tokens_of_a_spectator_end_with_its_session(
+        self, tmp_path: Path, ends: str
     ) -> None:
-        async with serving(tmp_path, grace=3) as server, raw(server) as host:
-            code = (await host.ask({"type": "create", "task": "multi_agent/02"}, "created"))["code"]
-            used = []
-            async with raw(server) as ada:
+        async with AsyncExitStack() as stack:
+            server = await stack.enter_async_context(serving(tmp_path, grace=3))
+            async with raw(server) as host:
+                code = (await host.ask(CREATE, "created"))["code"]
+                # A seat keeps the episode open.
+                await host.ask({"type": "join", "episode": code}, "joined")
                 watch = {"type": "join", "episode": code, "role": "spectator"}
-                token = (await ada.ask(watch, "joined"))["resume"]
-            for _ in range(3):
-                used.append(token)
-                async with raw(server, hello=False) as again:
-                    await again.ask({**HELLO, "resume": token}, "welcome")
-                    token = (await again.expect("joined"))["resume"]
-                    if leaves and len(used) == 3:
-                        await again.ask({"type": "leave"}, "left")
-            await asyncio.sleep(60)
-            async with raw(server, hello=False) as thief:
-                for old in used[:2]:
-                    answer = await thief.ask({**HELLO, "resume": old}, "welcome")
-                    assert (answer.get("code"), answer.get("field")) == ("auth/expired", "resume")
-            # The owner has the last token, or the one before if the answer to it was lost.
-            for last in (used[2], token):
+                async with raw(server) as ada:
+                    tokens = [(await ada.ask(watch, "joined"))["resume"]]
+                for _ in range(3):
+                    async with raw(server, hello=False) as again:
+                        await again.ask({**HELLO, "resume": tokens[-1]}, "welcome")
+                        tokens.append((await again.expect("joined"))["resume"])
+                        if ends == "leave" and len(tokens) == 4:
+                            await again.ask({"type": "leave"}, "left")
+                if ends == "grace":
+                    await asyncio.sleep(60)
+                elif ends != "leave":
+                    await (crash(server) if ends == "crash" else server.stop("", hand_over=True))
+                    server = await stack.enter_async_context(serving(tmp_path, seed=2))
+            for old in tokens:
                 async with raw(server, hello=False) as late:
-                    answer = await late.ask({**HELLO, "resume": last}, "welcome")
-                    assert answer.get("resumed") is True
+                    answer = await late.ask({**HELLO, "resume": old}, "welcome")
+                    assert (answer.get("code"), answer.get("field")) == ("auth/expired", "resume")
+                    # A client that may watch can join again.
+                    await late.ask(HELLO, "welcome")
+                    assert (await late.ask(watch, "joined"))["role"] == "spectator"
 
     @virtual
     async def test_token_replaced_before_its_session_took_a_seat_is_invalid_after_a_restart(
@@ -121,37 +126,6 @@ class TestResumeTokens:
             async with raw(server, hello=False) as thief:
                 answer = await thief.ask({**HELLO, "resume": used}, "welcome")
                 assert answer.get("code") == "auth/expired"
-
-    @virtual
-    async def test_memory_for_replaced_tokens_is_bounded(
-        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setattr(used_generations, "MAX_FORGOTTEN", 2)
-        clock = [1_000_000.0]
-        async with serving(tmp_path, wall=lambda: clock[0], grace=3) as server:
-            async with raw(server) as host:
-                create = {"type": "create", "task": "multi_agent/02"}
-                code = (await host.ask(create, "created"))["code"]
-                watch = {"type": "join", "episode": code, "role": "spectator"}
-                tokens = []
-                for _ in range(4):
-                    async with raw(server) as ada:
-                        tokens.append([(await ada.ask(watch, "joined"))["resume"]])
-                    for _ in range(2):
-                        async with raw(server, hello=False) as again:
-                            await again.ask({**HELLO, "resume": tokens[-1][-1]}, "welcome")
-                            tokens[-1].append((await again.expect("joined"))["resume"])
-                    clock[0] += 60
-                    await asyncio.sleep(60)
-                # The generations of the first two are no longer kept, so all their tokens expire.
-                for old in (*tokens[0], *tokens[1], tokens[2][0], tokens[3][0]):
-                    async with raw(server, hello=False) as thief:
-                        answer = await thief.ask({**HELLO, "resume": old}, "welcome")
-                        assert answer.get("code") == "auth/expired"
-                for owned in (tokens[2][-1], tokens[3][-1]):
-                    async with raw(server, hello=False) as late:
-                        answer = await late.ask({**HELLO, "resume": owned}, "welcome")
-                        assert answer.get("resumed") is True
 
     @virtual
     async def test_token_with_a_lost_answer_is_valid_again(self, tmp_path: Path) -> None:

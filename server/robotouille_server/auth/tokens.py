@@ -265,7 +265,7 @@ class Tokens:
             # Short claim names: clients store these tokens and send them in each `hello`.
             "sub": grant.session, "ep": grant.episode, "seat": grant.seat,
             "gen": grant.generation, "name": grant.name, "kind": grant.kind,
-            "role": grant.role.value, "exp": self.resume_expiry(seconds),
+            "role": grant.role.value, "exp": math.ceil(self._wall() + seconds),
         }  # fmt: skip
         optional = {
             "oe": grant.only_episode,
@@ -277,10 +277,6 @@ class Tokens:
         }
         claims |= {key: value for key, value in optional.items() if value}
         return self._signed(claims, RESUME_AUDIENCE)
-
-    def resume_expiry(self, seconds: float) -> int:
-        """Return the expiry of a resume token that is made now."""
-        return math.ceil(self._wall() + seconds)
 
     def check_resume(self, token: str) -> ResumeGrant:
         """Return the content of a resume token.

@@ -307,16 +307,9 @@ class Membership:
             self._rosters.changed()
 
     def readmit(self, room: JoinedRoom, session: Session, players: tuple[str, ...]) -> None:
-        """Give a session of an earlier process its seats and name back.
-
-        A spectator's name may belong to another spectator by now.
-        """
+        """Give a session of an earlier process its seats and name back."""
         session.room, session.players = room, players
-        if players:
-            session.name = self._episode.seats[players[0]].name
-        else:
-            session.name = self._names.choose(session.given_name)
-            self._names.watch(session.name)
+        session.name = self._episode.seats[players[0]].name
         self._broadcaster.enter(session)
 
     def players_of(self, session_id: str) -> tuple[str, ...]:

@@ -212,7 +212,7 @@ class Mirror:
     def send_away(self) -> None:
         """End, and let all spectators come back, to this node or another one."""
         for session in self._close():
-            # The session comes back with its token, as one of a lost node does.
+            # The client joins again, as one of a lost node does.
             self._sessions.drop(session)
             peer, session.peer = session.peer, None
             if peer is not None:
@@ -344,7 +344,7 @@ class Mirror:
             self._sessions.forget(longest)
 
     def readmit(self, session: Session, players: tuple[str, ...]) -> None:
-        self._add(session)
+        """Do nothing: spectators of earlier processes join again."""
 
     def connection_back(self, session: Session, seen: messages.Seen | None) -> None:
         """Send a returning session what it has missed."""

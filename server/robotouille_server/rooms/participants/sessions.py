@@ -22,7 +22,6 @@ from robotouille_server.rooms.participants.session import (
     Session,
     SessionLimits,
 )
-from robotouille_server.rooms.participants.used_generations import UsedGenerations
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
 
@@ -37,7 +36,7 @@ class Sessions:
 
     A session without a connection is kept for the grace of its room. A session accepts its last
     used resume token and the next one, because the answer to the last one may have been lost.
-    Earlier tokens are invalid.
+    Earlier tokens are invalid. Tokens of a session without a seat are invalid once it is forgotten.
 
     Attributes:
         max_spectators: The limit of connected spectators of an episode, and of absent ones.
@@ -51,7 +50,6 @@ class Sessions:
         randomness: random.Random,
     ) -> None:
         self.by_id: dict[str, Session] = {}
-        self._generations = UsedGenerations()
         self._metrics = metrics
         self._tokens = credentials.tokens
         self._used = credentials.used
@@ -131,17 +129,21 @@ class Sessions:
         """
         session = self.by_id.get(grant.session)
         home, players = _place(session, grant, room)
-        # Spectators are not recorded, and seats may have been freed: there is nothing to return to.
-        if session is None and home is None:
-            raise _expired("this connection cannot be resumed any more")
         # Older tokens are refused, because a copied token must become worthless once its owner has
-        # returned (docs/decisions/0014).
-        if self._is_replaced(grant, session, home, players):
+        # returned. For a session that this process does not know, only the recorded seats show
+        # which tokens are older (docs/decisions/0014).
+        if session is not None:
+            used = session.generation
+        elif home is not None:
+            used = home.seat(players[0]).generation
+        else:
+            raise _expired("this connection cannot be resumed any more")
+        if grant.generation < used:
             raise _expired("this token was used before and has been replaced")
         # Everything that `join` would check is checked again: bans, the scope and the limits may
         # have changed since the token was signed.
         if home is not None:
-            self._check_place(session, grant, home, watches=not players)
+            self._check_place(session, grant, home)
         # The role is computed again: `require_token` or a proxy may have been set up since the
         # token was signed, and the client may now come from elsewhere.
         if grant.anonymous:
@@ -153,59 +155,43 @@ class Sessions:
         # The session keeps its seats after its token has expired, but no other privileges.
         return Role.PLAYER if grant.role.includes(Role.PLAYER) else grant.role
 
-    def _is_replaced(
-        self,
-        grant: ResumeGrant,
-        session: Session | None,
-        home: JoinedRoom | None,
-        players: tuple[str, ...],
-    ) -> bool:
-        if session is not None:
-            return grant.generation < session.generation
-        if home is not None and players:
-            return grant.generation < home.seat(players[0]).generation
-        return self._generations.replaced(grant)
-
-    def _check_place(
-        self, session: Session | None, grant: ResumeGrant, room: JoinedRoom, *, watches: bool
-    ) -> None:
+    def _check_place(self, session: Session | None, grant: ResumeGrant, room: JoinedRoom) -> None:
         if room.bans(grant.session, grant.participant):
             raise _expired("you were removed from this episode")
         check_scope(grant.only_episode, room.id, room.code, "resume")
         # A second connection that takes over a watching session does not add a spectator.
-        watching = session is not None and session.peer is not None
-        if watches and not watching and room.spectators_here >= self.max_spectators:
+        watches = session is not None and not session.players and session.peer is None
+        if watches and room.spectators_here >= self.max_spectators:
             raise _expired(f"the episode has {self.max_spectators} spectators already")
 
     def resume(self, grant: ResumeGrant, room: JoinedRoom | None, role: Role) -> Session:
         """Return the session of a resume token that `judge` has accepted."""
         session = self.by_id.get(grant.session)
         if session is None:
+            if room is None:
+                raise _expired("this connection cannot be resumed any more")
             session = self._from_before(grant, room)
         # The client has proved that it received this token, so earlier ones are obsolete.
         session.generation = grant.generation
         session.role = role
         return session
 
-    def _from_before(self, grant: ResumeGrant, room: JoinedRoom | None) -> Session:
+    def _from_before(self, grant: ResumeGrant, room: JoinedRoom) -> Session:
         """Restore a session of an earlier process, from its token and the recorded seats."""
-        _, players = _place(None, grant, room)
-        seat = room.seat(players[0]) if room is not None and players else None
+        players = room.players_of(grant.session)
         session = Session(
             grant.session,
             name=grant.name,
             kind=grant.kind,
             role=grant.role,
-            # The recording has the pseudonym that the episode was played under; the token is the
-            # fallback for spectators, who are not recorded.
-            participant=seat.participant if seat is not None else grant.participant,
+            # The recording has the pseudonym that the episode was played under.
+            participant=room.seat(players[0]).participant,
             limits=SessionLimits(
                 grant.only_episode, grant.only_seat, grant.role_expires, grant.token_id
             ),
         )
         session.view = grant.view
-        if room is not None:
-            room.readmit(session, players)
+        room.readmit(session, players)
         self.by_id[session.id] = session
         return session
 
@@ -277,9 +263,7 @@ class Sessions:
 
     def drop(self, session: Session) -> None:
         """Forget a session that another node has, even if it has a connection."""
-        if self.by_id.pop(session.id, None) is not None:
-            expires = self._tokens.resume_expiry(self._token_seconds)
-            self._generations.keep(session.id, session.generation, expires)
+        self.by_id.pop(session.id, None)
         # The timer would keep the session in memory for the grace, which may be a day.
         self._keep(session)
 
@@ -340,12 +324,8 @@ def _place(
     """Return the room and seats to which a session comes back; no room if its place is gone."""
     if session is not None:
         return session.room, session.players
-    if room is None:
-        return None, ()
-    players = room.players_of(grant.session)
-    if not players and (grant.seat or grant.episode != room.id):
-        return None, ()
-    return room, players
+    players = room.players_of(grant.session) if room is not None else ()
+    return (room if players else None), players
 
 
 def _expired(why: str) -> ProtocolError:
