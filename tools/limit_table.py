@@ -15,7 +15,11 @@ from robotouille.replay import container
 from robotouille.world.grounding import ground_objects
 from robotouille.world.text import MAX_SENTENCE
 from robotouille_server.auth import revocation
-from robotouille_server.auth.visitors import SITE_FACTOR, WRONG_CODES_A_MINUTE
+from robotouille_server.auth.visitors import (
+    PROBATION_FACTOR,
+    SITE_FACTOR,
+    WRONG_CODES_A_MINUTE,
+)
 from robotouille_server.mqtt import stream
 from robotouille_server.mqtt.client import (
     COMMANDS_READ_A_SECOND,
@@ -214,7 +218,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               "{max_connections_per_address}",
               "The newest connection replaces the oldest."),
         Limit("Connections per address that have not sent `hello` after their request",
-              "{max_connections_per_address}",
+              f"{PROBATION_FACTOR} times the limit per address",
               "The newest connection replaces the oldest: `bye` and status 1013.",
               "rate/connections"),
         Limit("Time until `hello`", "{hello_seconds} s", "`bye` and status 1008.", "auth/silent"),

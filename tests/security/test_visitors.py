@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 from websockets.datastructures import Headers
 
 from robotouille.errors import ProtocolError
+from robotouille_server.auth import visitors
 from robotouille_server.auth.visitors import (
+    PROBATION_FACTOR,
     AccessSettingError,
     CodeGuessLimiter,
     ConnectionLimiter,
@@ -231,7 +233,21 @@ class Door(ConnectionLimiter):
         return True
 
 
-def test_new_connection_replaces_the_oldest_silent_one() -> None:
+def test_strangers_of_an_address_do_not_displace_a_client_within_its_round_trip() -> None:
+    door = Door(64)
+    victim = door.call(guest(1), 1)
+    for _ in range(PROBATION_FACTOR * 64 - 1):
+        door.call(guest(1))
+    assert door.sent_away == []
+    door.admit(victim, guest(1))
+    door.call(guest(1))
+    assert door.sent_away == []
+    # Welcomed connections have a smaller limit.
+    assert [door.enters(guest(1)) for _ in range(64)] == [True] * 63 + [False]
+
+
+def test_new_connection_replaces_the_oldest_silent_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(visitors, "PROBATION_FACTOR", 1)
     door = Door(2)
     callers = [door.call(guest(1), number) for number in range(3)]
     assert door.sent_away == [0]
@@ -337,7 +353,7 @@ def test_closed_connections_are_forgotten() -> None:
     for number in range(5000):
         one, other, third = (door.call(guest(number), number) for _ in range(3))
         door.admit(third, counted_as(guest(number), f"p-{number}"))
-        assert door.groups == 1
+        assert door.groups == 2
         for caller in (one, other, third):
             door.release(caller)
             door.release(caller)

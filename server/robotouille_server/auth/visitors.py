@@ -37,6 +37,9 @@ WRONG_CODES_A_MINUTE = 20
 UNKNOWN = "unknown"
 SITE_FACTOR = 16
 """Limit of connections per IPv6 /48 network, as a multiple of that per address."""
+PROBATION_FACTOR = 8
+"""Limit of connections of an address before `hello`, as a multiple of that after it. An address may
+be shared by strangers, who must not displace a client before its `hello` can arrive."""
 
 
 class TooManyConnectionsError(ProtocolError):
@@ -286,10 +289,10 @@ class CountedConnection:
 class ConnectionLimiter:
     """Limits connections per address or token subject. Local programs are not limited.
 
-    A connection is on probation until `hello`. Each address may have `limit` connections on
-    probation; one more replaces the oldest. With `hello`, a connection takes one of the `limit`
-    slots of its address or, with a token, of its subject. An IPv6 /48 network has `SITE_FACTOR`
-    times as many of both.
+    A connection is on probation until `hello`. Each address may have `PROBATION_FACTOR` times
+    `limit` connections on probation; one more replaces the oldest. With `hello`, a connection takes
+    one of the `limit` slots of its address or, with a token, of its subject. An IPv6 /48 network
+    may have `SITE_FACTOR` times `limit` connections on probation, and as many slots.
     """
 
     def __init__(self, limit: int) -> None:
@@ -301,7 +304,7 @@ class ConnectionLimiter:
         """Add a connection on probation, and close the oldest one if there are too many."""
         if connection.who.local:
             return
-        for name, limit in self._limits(connection.who):
+        for name, limit in self._limits(connection.who, PROBATION_FACTOR):
             waiting = self._waiting.setdefault(name, {})
             waiting[connection] = None
             if len(waiting) > limit:
@@ -349,9 +352,9 @@ class ConnectionLimiter:
                 if self._slots[name] <= 0:
                     del self._slots[name]
 
-    def _limits(self, who: Visitor) -> list[tuple[str, int]]:
+    def _limits(self, who: Visitor, factor: int = 1) -> list[tuple[str, int]]:
         """Return the names under which a visitor counts, each with its limit."""
-        limits = [(who.group, self._limit)]
+        limits = [(who.group, factor * self._limit)]
         return [*limits, (who.site, SITE_FACTOR * self._limit)] if who.site else limits
 
     def _leave_probation(self, connection: CountedConnection) -> None:
