@@ -39,12 +39,13 @@ async def played(clients: list[Client], **options: object) -> list[Game]:
     return games
 
 
-async def restarted(stack: AsyncExitStack, server: Server, folder: Path) -> None:
-    """Replace the server by another process; yield it with reconnected clients."""
+async def restarted(stack: AsyncExitStack, server: Server, folder: Path) -> Server:
+    """Replace the server by another process, and return it with reconnected clients."""
     port = server.port
     await server.stop("an update", hand_over=True)
-    await stack.enter_async_context(serving(folder, seed=2, port=port))
+    successor = await stack.enter_async_context(serving(folder, seed=2, port=port))
     await asyncio.sleep(5)
+    return successor
 
 
 @virtual
@@ -278,6 +279,46 @@ class TestRateOfRematches:
                 while (await rematches_in_a_row(eve, first, 1))[0]:
                     number += 1
                 assert REMATCHES_AT_ONCE - 13 <= number <= REMATCHES_AT_ONCE - 9
+
+    @pytest.mark.parametrize("moves", [1, 2])
+    @virtual
+    async def test_rematch_that_moves_to_another_process_is_charged_there(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moves: int
+    ) -> None:
+        # All games that began in another process share this budget.
+        monkeypatch.setattr(rematches, "ARCHIVED_AT_ONCE", 30.0)
+        async with AsyncExitStack() as stack:
+            server, host = await stack.enter_async_context(with_clients(tmp_path, "host"))
+            token = server.tokens.mint_role(Role.PLAYER, "p-1", seconds=86_400)
+            player = connect(server.url, name="eve", token=token)
+            eve = await stack.enter_async_context(player)
+            code = await ended(host, eve)
+            code = (await eve.create(rematch=code)).code
+            game = await eve.join(code)
+            for _ in range(11 * RECORDED_BYTES // 8000):
+                game.note("plan", "x" * 8000)
+                await asyncio.sleep(1)
+            for _ in range(moves):
+                server = await restarted(stack, server, tmp_path)
+            await eve.leave()
+            number, _ = await rematches_in_a_row(eve, code, 40)
+            assert 30 - 13 <= number <= 30 - 9
+
+    @virtual
+    async def test_open_rematches_count_after_they_have_moved(self, tmp_path: Path) -> None:
+        async with AsyncExitStack() as stack:
+            server, host = await stack.enter_async_context(with_clients(tmp_path, "host"))
+            token = server.tokens.mint_role(Role.PLAYER, "p-1", seconds=86_400)
+            player = connect(server.url, name="eve", token=token)
+            eve = await stack.enter_async_context(player)
+            codes = [await ended(host, eve) for _ in range(MAX_OPEN + 1)]
+            for code in codes[1:]:
+                await eve.create(rematch=code)
+            await restarted(stack, server, tmp_path)
+            # The new process reads an ended game when one of its players comes back.
+            code = await ended(host, eve)
+            with pytest.raises(ProtocolError, match="rematches are open"):
+                await eve.create(rematch=code)
 
     @virtual
     async def test_people_who_play_are_never_refused(self, tmp_path: Path) -> None:

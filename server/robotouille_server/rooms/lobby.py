@@ -153,7 +153,8 @@ class Lobby:
         # has opened.
         self._check_capacity(owner, reserved=False)
         self._rematches.charge(game, asker)
-        room = self._add(self._factory.new(game.setup_for(owner), owner))
+        setup = game.setup_for(owner)
+        room = self._add(self._factory.new(setup, owner, asker.charged_names))
         self._rematches.opened(game, room, asker)
         if (before := self.rooms.get(game.episode)) is not None:
             before.offer_rematch(room.code)
@@ -261,7 +262,10 @@ class Lobby:
 
     def adopt(self, found: ArchivedEpisode) -> Room:
         """Make a room for an episode that began in another process."""
-        room = self._add(self._factory.restored(found))
+        room = self._factory.restored(found)
+        if found.journal is not None and (by := found.head.get("rematch_by")):
+            self._rematches.continued(room, by)
+        self._add(room)
         if found.journal is None:
             # The episode has ended in an earlier process; the room only shows its end.
             room.suspend()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 from robotouille.episode.rules import NO_TREATMENT
@@ -44,6 +44,11 @@ class Asker:
 
     names: frozenset[str]
     host: bool = False
+
+    @property
+    def charged_names(self) -> list[str]:
+        """The names, unless the rate of rematches does not apply to the participant."""
+        return [] if self.host else sorted(self.names)
 
 
 @dataclass(slots=True)
@@ -156,7 +161,7 @@ class Rematches:
 
         Args:
             room: The room of the game.
-            archived: True if the game is read from its recording.
+            archived: True if the game is read from its recording after its end.
         """
         before = self._open.pop(room, None)
         if before is not None:
@@ -203,6 +208,14 @@ class Rematches:
         """Note the room of a game's rematch."""
         game.next = room.id
         self._open[room] = _OpenRematch(asker, game.allowance)
+
+    def continued(self, room: Room, names: Iterable[str]) -> None:
+        """Note a rematch that began in another process, with the names of who requested it.
+
+        That process knows which game it continues. Here it counts as one that is read from a
+        recording, so that its own recording is charged.
+        """
+        self._open[room] = _OpenRematch(Asker(frozenset(names)), self._archived)
 
     def drop(self, room: Room) -> None:
         """Forget a rematch that continues in another process."""

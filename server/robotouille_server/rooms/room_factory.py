@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Protocol
@@ -151,8 +151,13 @@ class RoomFactory:
         self._sessions = sessions
         self._keeper = keeper
 
-    def new(self, setup: EpisodeSetup, owner: str) -> Room:
+    def new(self, setup: EpisodeSetup, owner: str, rematch_by: Sequence[str] = ()) -> Room:
         """Return a room for a new episode.
+
+        Args:
+            setup: The task and rules.
+            owner: The pseudonym of the participant who opens it.
+            rematch_by: The session and pseudonym of the player who requested it as a rematch.
 
         Raises:
             ProtocolError: `server/recording` if its recording cannot be written.
@@ -167,7 +172,7 @@ class RoomFactory:
         world = shared_world(task)
         created = around.timestamp()
         details = HeaderDetails(
-            code, owner, setup.labels, setup.treatments, self._open_until(rules)
+            code, owner, setup.labels, setup.treatments, self._open_until(rules), rematch_by
         )
         head = header(
             task, rules, episode=episode_id, seed=setup.seed, created=created, details=details

@@ -6,7 +6,7 @@ original recording byte for byte.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -45,6 +45,7 @@ class HeaderDetails:
         labels: The study's labels.
         treatments: The study's treatment of seats, by player.
         open_until: Time at which the episode closes if nobody comes, in milliseconds since 1970.
+        rematch_by: Session and pseudonym of the player who requested the episode as a rematch.
     """
 
     code: str = ""
@@ -52,6 +53,7 @@ class HeaderDetails:
     labels: Mapping[str, str] = field(default_factory=dict)
     treatments: Mapping[str, SeatTreatment] = field(default_factory=dict)
     open_until: int | None = None
+    rematch_by: Sequence[str] = ()
 
 
 def header(
@@ -89,6 +91,7 @@ def header(
         **({"labels": dict(details.labels)} if details.labels else {}),
         **({"treatments": treated} if treated else {}),
         **({"open_until": details.open_until} if details.open_until is not None else {}),
+        **({"rematch_by": list(details.rematch_by)} if details.rematch_by else {}),
     }
 
 
