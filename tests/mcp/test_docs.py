@@ -65,7 +65,9 @@ def test_documented_limits_match_the_code() -> None:
     assert rows["sessions with one token"] == str(MAX_SESSIONS_OF_TOKEN)
     assert rows["calls of one token in progress (HTTP)"] == str(MAX_CALLS_OF_TOKEN)
     assert rows[f"sessions from one {ADDRESS}"] == str(MAX_SESSIONS_OF_ADDRESS)
-    checked = "tokens that the game server checks at the same time"
+    checked = (
+        "tokens that the game server checks at the same time, of new and of open sessions each"
+    )
     assert rows[checked] == str(CHECKS_AT_ONCE)
     assert rows["connections (HTTP)"] == str(MAX_CONNECTIONS)
     assert rows["connections from one address (not on loopback)"] == str(MAX_CONNECTIONS_OF_ADDRESS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -246,6 +247,55 @@ async def test_requests_with_unchecked_tokens_displace_no_session(
         assert await mcp.alive(session, ada)
         checked.set()
         assert {(await stranger).status_code for stranger in strangers} == {401}
+
+
+async def test_tokens_of_open_sessions_are_checked_a_few_at_a_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions, "CHECKS_AT_ONCE", 2)
+    monkeypatch.setattr(sessions, "RECHECK_SECONDS", 0.0)
+    async with service(tmp_path) as mcp:
+        visit, checks = mcp.games.visit, Counter[str]()
+
+        @asynccontextmanager
+        async def counted_visit(caller: Caller) -> AsyncIterator[Client]:
+            checks["now"] += 1
+            checks["most"] = max(checks["most"], checks["now"])
+            async with visit(caller) as client:
+                yield client
+            checks["now"] -= 1
+
+        tokens = [mcp.token(f"p-{number}") for number in range(8)]
+        opened = [(await mcp.opened(token), token) for token in tokens]
+        monkeypatch.setattr(mcp.games, "visit", counted_visit)
+        assert all(await asyncio.gather(*(mcp.alive(*each) for each in opened)))
+        assert checks["most"] == 2
+
+
+async def test_checks_of_made_up_tokens_do_not_delay_an_open_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions, "CHECKS_AT_ONCE", 1)
+    monkeypatch.setattr(sessions, "RECHECK_SECONDS", 0.0)
+    async with service(tmp_path) as mcp:
+        visit, checking, checked = mcp.games.visit, asyncio.Event(), asyncio.Event()
+
+        @asynccontextmanager
+        async def slow_visit(caller: Caller) -> AsyncIterator[Client]:
+            if caller.token == MADE_UP:
+                checking.set()
+                await checked.wait()
+            async with visit(caller) as client:
+                yield client
+
+        ada = mcp.token("ada")
+        session = await mcp.opened(ada)
+        monkeypatch.setattr(mcp.games, "visit", slow_visit)
+        stranger = asyncio.create_task(mcp.send(HELLO, MADE_UP))
+        await checking.wait()
+        assert await mcp.alive(session, ada)
+        checked.set()
+        assert (await stranger).status_code == 401
 
 
 async def test_unreachable_game_server_is_reported(tmp_path: Path) -> None:

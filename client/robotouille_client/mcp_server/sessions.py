@@ -31,7 +31,8 @@ MAX_CALLS_OF_TOKEN = 64
 """Requests of a token in progress. Calls of the tool `wait` take a minute each and would otherwise
 use up the connections of all."""
 CHECKS_AT_ONCE = 8
-"""Tokens that the game server checks at the same time."""
+"""Tokens of newcomers that the game server checks at the same time, and tokens of open sessions.
+Strangers with made-up tokens can therefore not delay the requests of open sessions."""
 CHECK_SECONDS = 10.0
 RECHECK_SECONDS = 30.0
 """Seconds after which a session's next request checks again whether its token is revoked."""
@@ -104,6 +105,7 @@ class SessionKeeper:
         self._sessions: dict[str, McpSession] = {}
         self._opening: list[McpSession] = []
         self._checks = asyncio.Semaphore(CHECKS_AT_ONCE)
+        self._rechecks = asyncio.Semaphore(CHECKS_AT_ONCE)
         self._calls: Counter[str] = Counter()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -202,7 +204,8 @@ class SessionKeeper:
             return False
         session.checked = self._now()
         try:
-            async with asyncio.timeout(CHECK_SECONDS), self._games.visit(session.caller):
+            limits = asyncio.timeout(CHECK_SECONDS), self._rechecks
+            async with limits[0], limits[1], self._games.visit(session.caller):
                 return False
         except ProtocolError as error:
             # Sessions go on with an expired token, and with one for a single session.
