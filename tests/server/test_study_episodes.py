@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import random
+from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
 
@@ -185,6 +186,46 @@ async def test_team_talk_does_not_reveal_a_disguised_bot(
                 await bob.send({"type": "say", "text": "again"})
                 received = await types_until(ada, "said") + await types_until(ada, "said")
                 assert "told" not in received
+
+
+@virtual
+async def test_bots_of_hosts_see_through_each_others_disguise(tmp_path: Path) -> None:
+    """A bot with a player's token, and a host's program for people, see what people see."""
+    treatments = {f"robot{number}": {"shown_as": "human"} for number in range(1, 5)}
+    create = {**CREATE, "task": "multi_agent/10", "seats": 4, "treatments": treatments}
+    async with serving(tmp_path) as server, AsyncExitStack() as stack:
+        lab = await stack.enter_async_context(opened(server))
+        await host(lab, mint_token(server, Role.HOST))
+        code = (await lab.ask(create, "created"))["code"]
+        kinds, heard = {}, {}
+        clients = {}
+        for name, kind, role in (
+            ("one", "bot", Role.HOST),
+            ("two", "bot", Role.HOST),
+            ("eve", "bot", Role.PLAYER),
+            ("ada", "human", Role.HOST),
+        ):
+            client = clients[name] = await stack.enter_async_context(opened(server, **FORWARDED))
+            token = server.tokens.mint_role(role, name, seconds=3600)
+            await hello(client, name=name, kind=kind, token=token)
+            await client.ask({"type": "join", "episode": code}, "joined")
+        for client in clients.values():
+            await client.send({"type": "note", "topic": "team", "text": "planner 2"})
+        await clients["ada"].send({"type": "say", "text": "done"})
+        for name, client in clients.items():
+            found = [await client.receive()]
+            while found[-1]["type"] != "said":
+                found.append(await client.receive())
+            rosters = [message for message in found if message["type"] == "roster"]
+            snapshot = await client.ask({"type": "resync"}, "snapshot")
+            for seats in (rosters[-1]["seats"], snapshot["seats"]):
+                kinds[name] = [seat["kind"] for seat in seats]
+                assert [seat["controller"] for seat in seats] == kinds[name]
+            heard[name] = [message["seat"] for message in found if message["type"] == "told"]
+        people, team = ["human"] * 4, ["bot", "bot", "human", "human"]
+        assert kinds == {"one": team, "two": team, "eve": people, "ada": people}
+        both = ["robot1", "robot2"]
+        assert heard == {"one": both, "two": both, "eve": ["robot3"], "ada": []}
 
 
 async def types_until(client: Raw, last: str) -> list[str]:

@@ -32,6 +32,7 @@ from robotouille.world.unmet import UnmetKind
 from robotouille.world.world import State
 from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.publishing.audience import Audience, SharedMessage, SharedStep
+from robotouille_server.rooms.publishing.disguises import Disguises
 from robotouille_server.rooms.publishing.episode_messages import (
     EpisodeMessages,
     Snapshots,
@@ -98,6 +99,7 @@ class Broadcaster:
         "_audience",
         "_code",
         "_deltas",
+        "_disguises",
         "_episode",
         "_episode_messages",
         "_gate",
@@ -141,6 +143,7 @@ class Broadcaster:
         self._episode_messages = EpisodeMessages(episode_id, episode, writer, now)
         self._snapshots = Snapshots(episode_id, episode, writer)
         sight = episode.record.sight
+        self._disguises = Disguises(episode, self.holder)
         self._limited: LimitedSight | None = None
         if sight is not None:
             self._limited = LimitedSight(episode, sight, self._episode_messages)
@@ -439,10 +442,7 @@ class Broadcaster:
         """Return whether a session receives a text that a bot has sent to its team."""
         if not session.players or session.kind != Controller.BOT:
             return False
-        # Anyone can claim to be a bot in `hello`, so not even bots may learn that a seat which a
-        # study shows as a person or a model is a bot.
-        disguised = self._episode.seat(told.seat).treatment.shown_as not in (None, Controller.BOT)
-        return not disguised or told.seat in session.players
+        return self._disguises.hears(session, told.seat)
 
     def publish_notice(self, text: str) -> None:
         """Send an announcement of the operator."""
@@ -583,7 +583,7 @@ class Broadcaster:
             "spectator_names": self.spectator_names,
             "outcome": episode.outcome and episode.outcome.to_json(),
         }
-        seats = self.seats()
+        seats = self._disguises.seats(self.seats(), session)
         if self._limited is not None and session.players:
             seats = self._limited.seats(seats, session.players)
         own: dict[str, Any] = {
@@ -636,13 +636,14 @@ class Broadcaster:
         for session in self.members:
             peer = session.peer
             if peer is not None and session.players:
-                if self._limited is None:
+                if self._limited is None and not self._disguises.sees_through(session):
                     peer.send_frame(shared.frame(peer.codec))
                 else:
-                    peer.send(self._limited.shown(message, session.players))
+                    peer.send(self._shown(message, session))
 
     def _shown(self, message: BaseModel, session: Session) -> BaseModel:
         """Return a message as a session may see it."""
+        message = self._disguises.shown(message, session)
         if self._limited is None or not session.players:
             return message
         return self._limited.shown(message, session.players)
