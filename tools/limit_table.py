@@ -60,8 +60,10 @@ from robotouille_server.rooms.publishing.publisher import ROSTER_SECONDS, WAITIN
 from robotouille_server.rooms.recording import archive
 from robotouille_server.rooms.recording.journal import (
     MAX_RECORDING_BYTES,
+    MAX_RECORDING_CHANGES,
     MAX_RECORDING_FRAMES,
     MAX_RECORDING_NOTES,
+    MAX_RECORDING_REASONS,
 )
 from robotouille_server.rooms.recording.write_ahead import MAX_UNWRITTEN
 from robotouille_server.rooms.room_factory import CODE_LENGTH, MAX_CODES
@@ -358,6 +360,14 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("Notes of a recording being written", f"{MAX_RECORDING_NOTES:,}",
               "The episode ends with `aborted`."),
         Limit("Notes of a recording to read", f"{container.MAX_NOTES:,}",
+              "The recording is not read."),
+        Limit("Reasons for rejections in a recording being written",
+              f"{MAX_RECORDING_REASONS:,}", "The episode ends with `aborted`."),
+        Limit("Reasons for rejections in a recording to read", f"{container.MAX_REASONS:,}",
+              "The recording is not read."),
+        Limit("Changes of facts in a recording being written", f"{MAX_RECORDING_CHANGES:,}",
+              "The episode ends with `aborted`."),
+        Limit("Changes of facts in a recording to read", f"{container.MAX_CHANGES:,}",
               "The recording is not read."),
         Limit("Recording to read, uncompressed", _size(container.MAX_FILE),
               "The recording is not read."),

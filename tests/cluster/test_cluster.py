@@ -24,6 +24,7 @@ from robotouille_server.cluster.episodes.handing_over import Offer
 from robotouille_server.cluster.episodes.journal import ReplicatedJournal
 from robotouille_server.cluster.service import ClusterService
 from robotouille_server.requests import Opening
+from robotouille_server.rooms.recording import journal
 from tests.support.buses import Handler, SimulatedBus, SimulatedNats
 from tests.support.clusters import Nodes, cluster_of, cluster_on
 from tests.support.virtual_time import virtual
@@ -594,6 +595,25 @@ class TestTakeover:
                 assert [game.step for game in games] == [6, 6]
                 successor = nodes.owner(games[0].episode)
                 assert successor is not owner
+    @virtual
+    async def test_limits_of_a_recording_count_what_earlier_nodes_wrote(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(journal, "MAX_RECORDING_NOTES", 50)
+        async with cluster_of(tmp_path, 2) as nodes, connect(nodes[0].url, name="ada") as ada:
+            created = await ada.create("training/01", clock="lockstep")
+            game = await ada.join(created.code)
+            for _ in range(2):
+                for number in range(30):
+                    game.note("plan", f"{number}")
+                await asyncio.sleep(2)
+                owner = nodes.owner(created.episode) if not game.ended else None
+                if owner is not None:
+                    await owner.leave()
+                    await asyncio.sleep(10)
+            assert game.outcome is not None
+            assert game.outcome["detail"] == "the recording has reached its maximum size"
+
                 assert games[0].own_seats != games[1].own_seats
 
     @virtual

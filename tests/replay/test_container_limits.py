@@ -101,8 +101,8 @@ def test_recording_with_too_many_frames_is_refused_before_it_is_read(
 def test_recording_with_too_many_notes_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     note = {"note": "quota", "t": 0, "player": "robot1"}
     notes = pack_frame({"kind": "notes", "notes": [note] * 100})
-    monkeypatch.setattr(container, "MAX_NOTES", 1000 + Recording(BEGINNING).note_count)
-    assert Recording(BEGINNING + notes * 10).note_count == container.MAX_NOTES
+    monkeypatch.setattr(container, "MAX_NOTES", 1000 + Recording(BEGINNING).totals.notes)
+    assert Recording(BEGINNING + notes * 10).totals.notes == container.MAX_NOTES
     stream = BEGINNING + notes * 11
     with pytest.raises(RecordingError, match=r"more than 1,\d* notes"):
         Recording(stream)
@@ -116,7 +116,7 @@ def test_recording_with_too_many_reasons_is_refused(monkeypatch: pytest.MonkeyPa
             "reasons": ["needs: luck"] * 30, "why": why}  # fmt: skip
     notes = pack_frame({"kind": "notes", "notes": [note] * 10})
     monkeypatch.setattr(container, "MAX_REASONS", 1000)
-    assert Recording(BEGINNING + notes * 2).note_count > 20
+    assert Recording(BEGINNING + notes * 2).totals.notes > 20
     with pytest.raises(RecordingError, match="more than 1,000 reasons for rejections"):
         Recording(BEGINNING + notes * 3)
 
@@ -138,7 +138,7 @@ def test_long_text_is_refused() -> None:
         note = {"note": "noted", "t": 0, "player": "robot1", "topic": "x", "text": "x" * size}
         return pack_frame({"kind": "notes", "notes": [note]})
 
-    assert Recording(BEGINNING + noted(MAX_TEXT)).note_count
+    assert Recording(BEGINNING + noted(MAX_TEXT)).totals.notes
     with pytest.raises(RecordingError, match=r"noted.text: String should have at most 500000"):
         Recording(BEGINNING + noted(MAX_TEXT + 1))
 

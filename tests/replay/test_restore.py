@@ -179,7 +179,7 @@ def test_recording_that_is_extended_equals_the_whole_one(data: st.DataObject) ->
     cut = data.draw(st.integers(len(game.begin), len(game.bytes)))
     first, expected = Recording(game.bytes[:cut]), Recording(whole)
     found = first.extended(whole)
-    for name in ("header", "whole", "length", "count", "note_count", "outcome"):
+    for name in ("header", "whole", "length", "count", "totals", "outcome"):
         assert getattr(found, name) == getattr(expected, name)
     assert found.frames == expected.frames
     assert first.frames == Recording(game.bytes[:cut]).frames
@@ -190,7 +190,7 @@ def test_limits_of_a_recording_count_what_it_had_before_it_was_extended(
 ) -> None:
     game = played(Clock.REALTIME)
     first = Recording(game.bytes)
-    monkeypatch.setattr(container, "MAX_NOTES", first.note_count)
+    monkeypatch.setattr(container, "MAX_NOTES", first.totals.notes)
     note = pack_frame({"kind": "notes", "notes": [{}]})
     with pytest.raises(RecordingError, match="more than"):
         first.extended(game.bytes + note)

@@ -10,6 +10,7 @@ import pytest
 from robotouille.episode import quota, seats
 from robotouille.errors import RecordingError
 from robotouille.replay.recording import read_recording
+from robotouille.world.unmet import NEEDS
 from robotouille_server.rooms.recording import journal
 from robotouille_server.rooms.recording.storage import Folder
 from tests.support.random_play import random_stream
@@ -53,7 +54,12 @@ async def test_seat_beyond_its_quota_is_notified_and_plays_on(
 
 @pytest.mark.parametrize(
     ("limit", "most"),
-    [("MAX_RECORDING_BYTES", 30_000), ("MAX_RECORDING_FRAMES", 60), ("MAX_RECORDING_NOTES", 10)],
+    [
+        ("MAX_RECORDING_BYTES", 30_000),
+        ("MAX_RECORDING_FRAMES", 60),
+        ("MAX_RECORDING_NOTES", 10),
+        ("MAX_RECORDING_REASONS", 5),
+    ],
 )
 @virtual
 async def test_episode_ends_at_the_maximum_size(
@@ -64,8 +70,9 @@ async def test_episode_ends_at_the_maximum_size(
         order = {"type": "create", "task": "synchronous/01", "clock": "realtime"}
         created = await ada.ask({**order, "step_rate": 60}, "created")
         await ada.ask({"type": "join", "episode": created["code"]}, "joined")
-        for number in range(1000):
+        for number in range(1, 1000):
             await ada.send({"type": "say", "text": f"{number} " + "x" * 400})
+            await ada.send(act(number))
             if (await ada.expect("said", "ended"))["type"] == "ended":
                 break
         else:
@@ -79,10 +86,33 @@ async def test_episode_ends_at_the_maximum_size(
     reached = {
         "MAX_RECORDING_BYTES": len(recording.stream),
         "MAX_RECORDING_FRAMES": recording.count,
-        "MAX_RECORDING_NOTES": recording.note_count,
+        "MAX_RECORDING_NOTES": recording.totals.notes,
+        "MAX_RECORDING_REASONS": recording.totals.reasons,
     }
     assert most < reached[limit]
     assert len(recording.stream) < 35_000
+
+
+@virtual
+async def test_episode_ends_after_too_many_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(journal, "MAX_RECORDING_CHANGES", 20)
+    async with serving(tmp_path) as server, raw(server) as ada:
+        created = await ada.ask({"type": "create", "task": "synchronous/01"}, "created")
+        await ada.ask({"type": "join", "episode": created["code"]}, "joined")
+        ends = ["table3", "table1"]
+        for seq in range(1, 100):
+            walk = {"name": "move", "args": ["robot1", *ends]}
+            ends.reverse()
+            if (await ada.ask({**act(seq), "action": walk}, "delta", "ended"))["type"] == "ended":
+                break
+        else:
+            pytest.fail("it went on")
+    (file,) = tmp_path.glob("*.rbt")
+    recording = read_recording(file)
+    assert recording.verify().ok
+    assert 20 < recording.totals.changes < 30
 
 
 def test_closed_recording_is_never_replaced_by_another(tmp_path: Path) -> None:
@@ -97,7 +127,13 @@ def test_closed_recording_is_never_replaced_by_another(tmp_path: Path) -> None:
 
 
 def test_writers_limit_is_below_the_readers_limit() -> None:
-    from robotouille.replay.container import MAX_FILE, MAX_FRAMES, MAX_NOTES
+    from robotouille.replay.container import (
+        MAX_CHANGES,
+        MAX_FILE,
+        MAX_FRAMES,
+        MAX_NOTES,
+        MAX_REASONS,
+    )
 
     most_seats = 16
     words = most_seats * quota.MAX_SEAT_BYTES + quota.MAX_AUDIENCE_BYTES
@@ -105,5 +141,9 @@ def test_writers_limit_is_below_the_readers_limit() -> None:
     assert journal.MAX_RECORDING_BYTES + 2**25 < MAX_FILE
     assert journal.MAX_RECORDING_FRAMES + 2**15 < MAX_FRAMES
     assert journal.MAX_RECORDING_NOTES + 2**14 < MAX_NOTES
+    assert journal.MAX_RECORDING_REASONS + 2**18 < MAX_REASONS
+    assert journal.MAX_RECORDING_CHANGES + 2**18 < MAX_CHANGES
     # One hostile participant cannot end the episode of the others.
     assert 2 * quota.MAX_SEAT_BYTES / quota.NOTE_BYTES < journal.MAX_RECORDING_NOTES
+    shortest_reason = len(NEEDS) + len("x") + len("p")
+    assert 2 * quota.MAX_SEAT_BYTES / shortest_reason < journal.MAX_RECORDING_REASONS

@@ -17,7 +17,7 @@ import re
 import struct
 import sys
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,8 +47,9 @@ MAX_NOTES = 300_000
 """Notes of a recording. The quota of a seat is enough for 115,000 of the shortest ones. A few
 kilobytes of compressed frames can contain millions, which take minutes to read."""
 MAX_REASONS = 4_000_000
-"""Reasons of all rejections of a recording, with a quarter of the objects that they name. A reason
-takes 60 bytes or more, and an object 16 in the text and the list, so games do not reach this."""
+"""Reasons of all rejections of a recording, with a quarter of the objects that they name. In
+shipped tasks, a reason takes 60 bytes or more, and an object 16 in the text and the list, so games
+do not reach this. Other tasks may have shorter words."""
 MAX_CHANGES = 25_000_000
 """Entries of `add` and `remove` in all steps of a recording. Games have about ten in a step."""
 MAX_RATIO = 1024
@@ -400,38 +401,48 @@ def frames_with_ends(
             raise RecordingError(f"damaged at byte {position}: {fault}")
         frame = frame_value(stream, position, end)
         totals.add(frame)
+        totals.check()
         yield frame, end
         position = end
 
 
 @dataclass(slots=True)
 class Totals:
-    """Counts over the frames of a recording that bound the memory of its readers."""
+    """Counts over the frames of a recording that bound the memory of its readers.
 
+    The server ends an episode before it reaches the limits of readers.
+    """
+
+    frames: int = 0
     notes: int = 0
     reasons: int = 0
     changes: int = 0
 
-    def add(self, frame: dict[str, Any]) -> None:
-        """Count a frame, which need not be valid. RecordingError if a limit is exceeded."""
+    def add(self, frame: Mapping[str, Any]) -> None:
+        """Count a frame, which need not be valid."""
+        self.frames += 1
         if "notes" in frame:
-            self.notes += notes_in(frame)
-            if self.notes > MAX_NOTES:
-                raise RecordingError(f"damaged: more than {MAX_NOTES:,} notes")
+            self.notes += _length(frame["notes"])
             self.reasons += _reasons_in(frame)
-            if self.reasons > MAX_REASONS:
-                raise RecordingError(f"damaged: more than {MAX_REASONS:,} reasons for rejections")
         else:
             self.changes += _length(frame.get("add")) + _length(frame.get("remove"))
-            if self.changes > MAX_CHANGES:
-                raise RecordingError(f"damaged: more than {MAX_CHANGES:,} changes of facts")
+
+    def check(self) -> None:
+        """Raise RecordingError if a limit is exceeded. The number of frames is checked before."""
+        if self.notes > MAX_NOTES:
+            raise RecordingError(f"damaged: more than {MAX_NOTES:,} notes")
+        if self.reasons > MAX_REASONS:
+            raise RecordingError(f"damaged: more than {MAX_REASONS:,} reasons for rejections")
+        if self.changes > MAX_CHANGES:
+            raise RecordingError(f"damaged: more than {MAX_CHANGES:,} changes of facts")
 
 
 def _length(value: object) -> int:
-    return len(value) if isinstance(value, list) else 0
+    # Events that are being written have tuples.
+    return len(value) if isinstance(value, list | tuple) else 0
 
 
-def _reasons_in(frame: dict[str, Any]) -> int:
+def _reasons_in(frame: Mapping[str, Any]) -> int:
     """Return the number of reasons in a frame of notes, with a quarter of their objects."""
     notes = frame["notes"] if isinstance(frame["notes"], list) else ()
     found = 0
@@ -445,11 +456,6 @@ def _reasons_in(frame: dict[str, Any]) -> int:
             )
             found += _length(reasons) + objects // 4
     return found
-
-
-def notes_in(frame: dict[str, Any]) -> int:
-    """Return the number of notes in a frame, which need not be valid."""
-    return _length(frame.get("notes"))
 
 
 def frame_ends(stream: bytes, start: int = len(MAGIC)) -> Iterator[int]:

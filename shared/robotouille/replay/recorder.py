@@ -21,7 +21,7 @@ from robotouille.episode.events import (
 from robotouille.episode.rules import Rules, SeatTreatment
 from robotouille.installation import VERSION
 from robotouille.protocol.states import StateWriter, unmet_rows
-from robotouille.replay.container import MAGIC, pack_frame
+from robotouille.replay.container import MAGIC, Totals, pack_frame
 from robotouille.replay.frame_schema import milliseconds, note_of
 from robotouille.world.unmet import Attempt
 from robotouille.world.world import State, World
@@ -104,15 +104,13 @@ class Recorder:
             are reproducible.
         clock: Returns the seconds on a clock that is never set, as the caller of the episode reads
             them. None records none.
-        frames: Number of frames in the file so far.
-        notes: Number of notes in the file so far.
+        totals: Counts over the frames in the file so far.
     """
 
     world: World
     wall: Callable[[], float] | None = None
     clock: Callable[[], float] | None = None
-    frames: int = 0
-    notes: int = 0
+    totals: Totals = field(default_factory=Totals)
     writer: StateWriter = field(init=False)
 
     def __post_init__(self) -> None:
@@ -128,7 +126,7 @@ class Recorder:
             RecordingError: A frame would exceed the limits of readers.
         """
         initial = self.world.initial
-        self.frames = 2
+        self.totals.frames = 2
         # The tables keep a recording readable when this version no longer simulates it
         # (docs/decisions/0008).
         head = {**head, "tables": self.writer.tables(initial)}
@@ -148,21 +146,19 @@ class Recorder:
             elif isinstance(event, EpisodeEnded):
                 outcome = event.outcome.to_json()
                 frame = pack_frame({"kind": "footer", "outcome": outcome, **self._times()})
+                self.totals.frames += 1
             # Beyond the seat's quota. Steps count no activity for it either, see
             # `Seat.count_rejection`.
             elif isinstance(event, ActionRejected) and not event.recorded:
                 continue
             else:
                 notes.append(note_of(event, self._times()))
-                self.notes += 1
                 continue
             if notes:
-                frames += _notes_frames(notes)
+                frames += self._notes(notes)
                 notes = []
             frames.append(frame)
-        frames += _notes_frames(notes)
-        # A keyframe is a part of its step's bytes. There are few of them.
-        self.frames += len(frames)
+        frames += self._notes(notes)
         return b"".join(frames)
 
     def _times(self) -> dict[str, int]:
@@ -181,9 +177,18 @@ class Recorder:
             rows["waits"] = event.waits
         if event.undone:
             rows["undone"] = event.undone
-        return step_frames(
-            self.writer, event.step, rows, event.attempts, (event.before, event.state)
-        )
+        states = (event.before, event.state)
+        # The writer keeps the changes for `step_frames`. A keyframe is a part of its step's bytes.
+        # There are few of them.
+        self.totals.add(self.writer.changes(*states))
+        return step_frames(self.writer, event.step, rows, event.attempts, states)
+
+    def _notes(self, notes: list[dict[str, Any]]) -> list[bytes]:
+        pieces = [notes[at : at + MAX_NOTES] for at in range(0, len(notes), MAX_NOTES)]
+        frames = [{"kind": "notes", "notes": piece} for piece in pieces]
+        for frame in frames:
+            self.totals.add(frame)
+        return [pack_frame(frame) for frame in frames]
 
 
 def _move(move: PlayedMove) -> dict[str, Any]:
@@ -200,11 +205,6 @@ def _move(move: PlayedMove) -> dict[str, Any]:
     if move.reasoning:
         row["reasoning"] = move.reasoning
     return row
-
-
-def _notes_frames(notes: list[dict[str, Any]]) -> list[bytes]:
-    pieces = (notes[at : at + MAX_NOTES] for at in range(0, len(notes), MAX_NOTES))
-    return [pack_frame({"kind": "notes", "notes": piece}) for piece in pieces]
 
 
 def step_frames(

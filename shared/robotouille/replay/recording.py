@@ -24,7 +24,6 @@ from robotouille.replay.container import (
     frame_value,
     frames_with_ends,
     is_closed,
-    notes_in,
     pack_frame,
     plain,
     step_number,
@@ -145,7 +144,7 @@ class Recording:
         longer = copy(self)
         for outdated in ("frames", "steps", "participants"):
             longer.__dict__.pop(outdated, None)
-        longer.stream, longer._totals = stream, copy(self._totals)
+        longer.stream, longer.totals = stream, copy(self.totals)
         for _ in longer._go_through(closed=False):
             pass
         return longer
@@ -156,14 +155,14 @@ class Recording:
         check_magic(stream)
         self.header: dict[str, Any] = {}
         self.whole = len(MAGIC)
-        self._totals = Totals()
-        self.length = self.count = self.note_count = 0
+        self.totals = Totals()
+        self.length = self.count = 0
         self.outcome: dict[str, Any] | None = None
         self.damage = ""
 
     def _go_through(self, closed: bool) -> Generator[int, None, None]:
         """Check every frame, and that a closed recording is complete."""
-        frames = frames_with_ends(self.stream, self.whole, self._totals)
+        frames = frames_with_ends(self.stream, self.whole, self.totals)
         for number, (frame, end) in enumerate(frames, self.count):
             if not number and frame.get("kind") != "header":
                 break
@@ -177,7 +176,6 @@ class Recording:
             elif frame["kind"] == "footer":
                 self.outcome = frame["outcome"]
             self.whole, self.count = end, number + 1
-            self.note_count += notes_in(frame)
             yield self.length
         if not self.header:
             raise RecordingError(f"{self.source}: the header is missing")

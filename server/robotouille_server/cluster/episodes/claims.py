@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from contextlib import nullcontext
+from copy import copy
 from dataclasses import dataclass
 
 from robotouille.errors import RecordingError, RobotouilleError
@@ -159,8 +160,8 @@ class Claims:
         if not await self._directory.replace(mine):
             return "another node was first"
         now = asyncio.get_running_loop().time
-        world, frames = restored.episode.world, recording.count
-        recorder = Recorder(world, self._continuation.wall, now, frames)
+        world, wall = restored.episode.world, self._continuation.wall
+        recorder = Recorder(world, wall, now, copy(recording.totals))
         end = JournalEnd(sequence, restored.kept + len(restored.missing))
         journal = ReplicatedJournal(self._keeper, record.episode, record.file, recorder, end=end)
         found = ArchivedEpisode(recording.header, restored, recorder, journal)

@@ -179,7 +179,7 @@ class ReplicatedJournal:
     @property
     def full(self) -> bool:
         """True if the recording has reached its maximum size."""
-        return is_full(self.size, self.recorder)
+        return is_full(self.size, self.recorder.totals)
 
     @property
     def waiting(self) -> int:

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 from robotouille.episode import Event
 from robotouille.errors import RecordingError
-from robotouille.replay.container import MAGIC, compress, frame_ends, frame_value, plain
+from robotouille.replay.container import MAGIC, Totals, compress, frame_ends, frame_value, plain
 from robotouille.replay.file_names import CLOSED, OPEN, file_name
 from robotouille.replay.recorder import Recorder
 from robotouille_server.rooms.recording.storage import Appender, FileCondition, Storage
@@ -23,14 +23,20 @@ MAX_RECORDING_FRAMES = 1_200_000
 """Number of frames at which an episode is ended, for the same reason."""
 MAX_RECORDING_NOTES = 280_000
 """Number of notes at which an episode is ended, for the same reason."""
+MAX_RECORDING_REASONS = 3_700_000
+"""Number of reasons for rejections, with a quarter of their objects, for the same reason."""
+MAX_RECORDING_CHANGES = 24_000_000
+"""Number of changes of facts at which an episode is ended, for the same reason."""
 
 
-def is_full(size: int, recorder: Recorder) -> bool:
+def is_full(size: int, totals: Totals) -> bool:
     """Return whether a recording of this size must end, so that readers can read it."""
     return (
         size > MAX_RECORDING_BYTES
-        or recorder.frames > MAX_RECORDING_FRAMES
-        or recorder.notes > MAX_RECORDING_NOTES
+        or totals.frames > MAX_RECORDING_FRAMES
+        or totals.notes > MAX_RECORDING_NOTES
+        or totals.reasons > MAX_RECORDING_REASONS
+        or totals.changes > MAX_RECORDING_CHANGES
     )
 
 
@@ -114,7 +120,7 @@ class Journal:
     @property
     def full(self) -> bool:
         """True if the recording has reached its maximum size."""
-        return is_full(self.size, self.recorder)
+        return is_full(self.size, self.recorder.totals)
 
     @property
     def problem(self) -> str:

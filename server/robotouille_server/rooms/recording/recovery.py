@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping
+from copy import copy
 from typing import Generic, TypeVar
 
 from robotouille.errors import RecordingError, RobotouilleError
@@ -201,8 +202,8 @@ class Recovery(Generic[RoomT]):
             closed = close_recording(self._storage, name, file.read(), size)
             self.archive.add(closed)
             return False
-        counts = recording.count, recording.note_count
-        recorder = Recorder(restored.episode.world, self._wall, self._now, *counts)
+        world, totals = restored.episode.world, copy(recording.totals)
+        recorder = Recorder(world, self._wall, self._now, totals)
         journal = Journal(self._storage, name, recorder, found=file, size=size)
         room = self._adopt(ArchivedEpisode(recording.header, restored, recorder, journal))
         for seat in restored.episode.seats.values():
