@@ -242,6 +242,23 @@ class TestLease:
             after = sorted(watch.bucket for watch in nodes.nats.watches(node.bus))
             assert after == before == sorted(Bucket)
 
+    @pytest.mark.parametrize("bucket", list(Bucket))
+    @virtual
+    async def test_nodes_fill_a_deleted_bucket_again(self, tmp_path: Path, bucket: Bucket) -> None:
+        async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+            created = await ada.create("training/01", clock="lockstep", max_steps=1000)
+            game, storage = await ada.join(created.code), nodes.nats.storage
+            await asyncio.sleep(2)
+            before = storage.values(bucket).keys()
+            storage.delete_bucket(bucket)
+            assert not await nodes[0].bus.intact()
+            for _ in range(30):
+                await step(game)
+                await asyncio.sleep(0.5)
+            assert storage.values(bucket).keys() == before
+            assert all([await node.bus.intact() for node in nodes])
+            assert not game.ended
+
     @virtual
     async def test_node_repairs_deleted_buckets_also_after_an_unexpected_answer(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -579,23 +596,6 @@ class TestHandOver:
 
 class TestTakeover:
     @virtual
-    async def test_a_game_goes_on_after_its_node_was_killed(self, tmp_path: Path) -> None:
-        async with cluster_of(tmp_path) as nodes:
-            async with (
-                connect(nodes[0].url, name="ada") as ada,
-                connect(nodes[1].url, name="bob") as bob,
-            ):
-                games = await two_players(nodes, ada, bob)
-                for _ in range(3):
-                    await step(*games)
-                owner = nodes.owner(games[0].episode)
-                await owner.kill()
-                for _ in range(3):
-                    await step(*games)
-                assert [game.step for game in games] == [6, 6]
-                successor = nodes.owner(games[0].episode)
-                assert successor is not owner
-    @virtual
     async def test_limits_of_a_recording_count_what_earlier_nodes_wrote(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
@@ -614,6 +614,23 @@ class TestTakeover:
             assert game.outcome is not None
             assert game.outcome["detail"] == "the recording has reached its maximum size"
 
+    @virtual
+    async def test_a_game_goes_on_after_its_node_was_killed(self, tmp_path: Path) -> None:
+        async with cluster_of(tmp_path) as nodes:
+            async with (
+                connect(nodes[0].url, name="ada") as ada,
+                connect(nodes[1].url, name="bob") as bob,
+            ):
+                games = await two_players(nodes, ada, bob)
+                for _ in range(3):
+                    await step(*games)
+                owner = nodes.owner(games[0].episode)
+                await owner.kill()
+                for _ in range(3):
+                    await step(*games)
+                assert [game.step for game in games] == [6, 6]
+                successor = nodes.owner(games[0].episode)
+                assert successor is not owner
                 assert games[0].own_seats != games[1].own_seats
 
     @virtual

@@ -43,6 +43,7 @@ from robotouille_server.auth import Role, Tokens
 from robotouille_server.auth.keys import FileKeyring
 from tests.programs.audience_flood import AudienceFlood
 from tests.programs.broker_flood import BrokerFlood, flooding_broker
+from tests.programs.delay_flood import DelayFlood
 from tests.programs.honest_game import HELLO, SUBPROTOCOL, HonestGame
 from tests.programs.page_flood import PageFlood
 from tests.programs.record_flood import Kind, RecordFlood
@@ -107,13 +108,14 @@ class Flood:
     with 200 spectators each, given by their tasks and views; `watched_players` is what their
     players send; with `resyncs`, these spectators ask for snapshots. With `resumes`, the
     connections are spectators that vanish all at once and resume their sessions. With `rematches`,
-    players end games and ask for rematches. With `elsewhere`, its connections are remote; new
-    clients are then remote too and have a token. `rooms` is the number of other episodes on the
-    server. With `page`, each connection requests this page again and again; with `operator`, from
-    the operator port. With `loads`, so many loads of the browser client begin each second. With
-    `records`, the server uses TLS with an RSA key, and the connections send records of this kind.
-    With `broker`, the flood comes from an MQTT broker of this kind, during the whole measurement.
-    With `cluster`, the connections flood another node of the server's cluster, on a real NATS.
+    players end games and ask for rematches. With `delayed`, players of delayed seats act. With
+    `elsewhere`, its connections are remote; new clients are then remote too and have a token.
+    `rooms` is the number of other episodes on the server. With `page`, each connection requests
+    this page again and again; with `operator`, from the operator port. With `loads`, so many loads
+    of the browser client begin each second. With `records`, the server uses TLS with an RSA key,
+    and the connections send records of this kind. With `broker`, the flood comes from an MQTT
+    broker of this kind, during the whole measurement. With `cluster`, the connections flood another
+    node of the server's cluster, on a real NATS.
     `max_growth` is the limit for the server's memory.
     """
 
@@ -129,6 +131,7 @@ class Flood:
     resyncs: bool = False
     resumes: bool = False
     rematches: bool = False
+    delayed: bool = False
     page: str = ""
     loads: int = 0
     operator: bool = False
@@ -179,7 +182,7 @@ FLOODS = {
         ("hello",),
         elsewhere=True,
     ),
-    "places": Flood("80 silent connections from one address", silent=80, elsewhere=True),
+    "places": Flood("600 silent connections from one address", silent=600, elsewhere=True),
     "arrays": Flood(
         "nested lists in MessagePack",
         lambda code: frame(b"\xdc\x00\x40" * 1000, BINARY),
@@ -213,6 +216,9 @@ FLOODS = {
         "games that players end at once, and their rematches, from 8 connections",
         rematches=True,
         connections=8,
+    ),
+    "delayed": Flood(
+        "actions of players of delayed seats, from 16 connections", delayed=True, connections=16
     ),
     "metrics": Flood("reads of the metrics, from 60 connections", page="/metrics", connections=60),
     "operator": Flood(
@@ -384,6 +390,7 @@ def attack(name: str, port: int, code: str) -> None:
         else None
     )
     records = RecordFlood(port, flood.connections, flood.records) if flood.records else None
+    delayed = DelayFlood(port, flood.connections) if flood.delayed else None
     print(READY, end="", flush=True)
     if name == "none" or flood.broker:
         time.sleep(3600)
@@ -394,6 +401,8 @@ def attack(name: str, port: int, code: str) -> None:
         rooms.run()
     if records is not None:
         records.run()
+    if delayed is not None:
+        delayed.run()
     if flood.resumes:
         ResumeStorm(port, code, flood.connections).run()
     if flood.rematches:

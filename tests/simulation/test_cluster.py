@@ -19,7 +19,7 @@ from robotouille_server.cluster.episodes.journal import ReplicatedJournal
 from robotouille_server.cluster.members import Members, _Member
 from tests.programs.simulation.cluster import run_cluster_seed
 from tests.programs.simulation.simulation import Report
-from tests.support.buses import SimulatedNats
+from tests.support.buses import SimulatedBus, SimulatedNats
 from tests.support.samples import quick_sample
 from tests.support.virtual_time import virtual
 
@@ -167,15 +167,25 @@ def restate_nothing(patch: pytest.MonkeyPatch) -> None:
     patch.setattr("robotouille_server.cluster.episodes.claims.RESTATED", 0)
 
 
+def miss_deleted_buckets(patch: pytest.MonkeyPatch) -> None:
+    """Take buckets for those that were there at the start."""
+
+    async def intact(bus: SimulatedBus) -> bool:
+        return True
+
+    patch.setattr(SimulatedBus, "intact", intact)
+
+
 FAULTS = [
-    Fault(ignore_conflicts, (2, 72), "recorded"),
-    Fault(claim_at_once, (1, 2), "which is alive"),
+    Fault(ignore_conflicts, (2, 49), "recorded"),
+    Fault(claim_at_once, (2, 0), "which is alive"),
     Fault(claim_everything, (4, 3), "which is alive"),
     Fault(publish_before_writing, (4, 3), "recorded"),
     Fault(omit_a_step, (4, 1), "recorded"),
     Fault(forget_the_last_message, (2, 6), "not taken over"),
-    Fault(trust_the_directory, (153,), "has it"),
-    Fault(restate_nothing, (15, 17), "or another content"),
+    Fault(trust_the_directory, (59, 154), "has it"),
+    Fault(restate_nothing, (1, 10), "or another content"),
+    Fault(miss_deleted_buckets, (10, 16), "not filled again"),
 ]
 
 

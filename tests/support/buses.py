@@ -60,12 +60,16 @@ class Quality:
 
 @dataclass(slots=True, eq=False)
 class _Watch:
-    """Delivery of a bucket's changes to one node, in order."""
+    """Delivery of a bucket's changes to one node, in order.
+
+    It ends with the bucket, even if another one of this name is created.
+    """
 
     bus: SimulatedBus
     bucket: Bucket
     changed: Changed
     complete: asyncio.Future[None]
+    created: int = 0
     position: int = 0
     scheduled: bool = False
     ended: bool = False
@@ -231,7 +235,11 @@ class SimulatedNats:
     # Watches
 
     def watch(self, watch: _Watch) -> None:
+        created = self.storage.created().get(watch.bucket)
+        if created is None:
+            raise UnavailableError(f"NATS: the bucket {watch.bucket} does not exist")
         if watch not in self._watches and not watch.ended:
+            watch.created = created
             self._watches.append(watch)
             self._wake(watch)
 
@@ -259,6 +267,8 @@ class SimulatedNats:
     def _pump(self, watch: _Watch) -> None:
         watch.scheduled = False
         bus = watch.bus
+        if self.storage.created().get(watch.bucket) != watch.created:
+            return
         if bus.hears and bus.watches and self.quorum and not bus.closed:
             watch.position, changes = self.storage.changes(watch.bucket, watch.position)
             self.loop.call_soon(_deliver_changes, watch, changes, context=bus.context)
@@ -358,6 +368,7 @@ class SimulatedBus:
         self._storage = nats.storage
         self._buffered: list[Callable[[], None]] = []
         self._watching: dict[Bucket, _Watch] = {}
+        self._created = nats.storage.created()
 
     @property
     def connected(self) -> bool:
@@ -412,10 +423,11 @@ class SimulatedBus:
         self._nats.append(self, message, finish)
 
     async def prepare(self) -> None:
-        await self._ask(lambda: None)
+        await self._ask(self._storage.prepare)
+        self._created = await self._ask(self._storage.created)
 
     async def intact(self) -> bool:
-        return True  # Nobody deletes buckets of the simulated NATS.
+        return await self._ask(self._storage.created) == self._created
 
     async def last(self, subject: str) -> Stored | None:
         messages = await self._ask(lambda: self._storage.read(subject))

@@ -40,9 +40,15 @@ class _Value:
 
 
 class _KeyValues:
-    """Bucket that keeps the last value of each key, in the order of the revisions."""
+    """Bucket that keeps the last value of each key, in the order of the revisions.
 
-    def __init__(self, seconds: float | None) -> None:
+    Attributes:
+        created: Number of the bucket among all that were created.
+        revision: Number of changes.
+    """
+
+    def __init__(self, created: int, seconds: float | None) -> None:
+        self.created = created
         self.revision = 0
         self._seconds = seconds
         self._values: dict[str, _Value] = {}
@@ -100,10 +106,9 @@ class SimulatedStorage:
         self._sequence = 0
         self._journals: dict[str, list[tuple[float, Stored]]] = {}
         self._ids: dict[str, tuple[float, int]] = {}
-        self._buckets = {
-            bucket: _KeyValues(NODE_KEY_SECONDS if bucket is Bucket.NODES else None)
-            for bucket in Bucket
-        }
+        self._created = 0
+        self._buckets: dict[Bucket, _KeyValues] = {}
+        self.prepare()
 
     # For tests
 
@@ -118,8 +123,13 @@ class SimulatedStorage:
 
     def values(self, bucket: Bucket) -> dict[str, bytes]:
         """Return the keys of a bucket with their values."""
-        entries = self._buckets[bucket].since(0, self.now())
+        found = self._buckets.get(bucket)
+        entries = found.since(0, self.now()) if found is not None else []
         return {key: entry.value for key, entry in entries if entry is not None}
+
+    def delete_bucket(self, bucket: Bucket) -> None:
+        """Delete a bucket, as an operator may do."""
+        self._buckets.pop(bucket, None)
 
     def remove_message(self, journal: str, sequence: int) -> Callable[[], None]:
         """Remove a message, as a server does that is behind the others; return a way back."""
@@ -184,31 +194,48 @@ class SimulatedStorage:
 
     # Buckets
 
+    def prepare(self) -> None:
+        """Create the buckets that do not exist."""
+        for bucket in Bucket:
+            if bucket not in self._buckets:
+                self._created += 1
+                seconds = NODE_KEY_SECONDS if bucket is Bucket.NODES else None
+                self._buckets[bucket] = _KeyValues(self._created, seconds)
+
+    def created(self) -> dict[Bucket, int]:
+        """Return the number of each bucket among all that were created."""
+        return {bucket: found.created for bucket, found in self._buckets.items()}
+
+    def _bucket(self, bucket: Bucket) -> _KeyValues:
+        if bucket not in self._buckets:
+            raise UnavailableError(f"NATS: the bucket {bucket} does not exist")
+        return self._buckets[bucket]
+
     def get(self, bucket: Bucket, key: str) -> Entry | None:
-        found = self._buckets[bucket].find(key, self.now())
+        found = self._bucket(bucket).find(key, self.now())
         if found is None:
             return None
         return found.before if found.at > self.now() - self._age() else found.entry
 
     def set(self, bucket: Bucket, key: str, value: bytes | None) -> int:
-        revision = self._buckets[bucket].set(key, value, self.now())
+        revision = self._bucket(bucket).set(key, value, self.now())
         for changed in self.on_set:
             changed(bucket, key, value)
         return revision
 
     def create(self, bucket: Bucket, key: str, value: bytes) -> int:
-        found = self._buckets[bucket].find(key, self.now())
+        found = self._bucket(bucket).find(key, self.now())
         if found is not None and found.value is not None:
             raise ConflictError(f"the key {key} exists")
         return self.set(bucket, key, value)
 
     def update(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int:
-        found = self._buckets[bucket].find(key, self.now())
+        found = self._bucket(bucket).find(key, self.now())
         if (found.revision if found is not None else 0) != revision:
             raise ConflictError(f"the key {key} has changed")
         return self.set(bucket, key, value)
 
     def changes(self, bucket: Bucket, position: int) -> tuple[int, list[tuple[str, Entry | None]]]:
         """Return a bucket's revision, and its changes since an earlier revision."""
-        found = self._buckets[bucket]
+        found = self._bucket(bucket)
         return found.revision, found.since(position, self.now())

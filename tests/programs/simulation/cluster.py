@@ -7,8 +7,9 @@ A seed determines everything. Three machines run `ClusterNode` with a `Lobby`; p
 episodes and go from node to node. With every second seed, one of them floods all nodes until the
 faults stop. Nodes are killed, stopped (and continue later as if nothing had happened), cut off from
 NATS or only from its news, and asked to leave. NATS loses its quorum, or all messages are slow,
-lost or repeated for a while. All nodes are killed at once; after a loss of power, the last message
-of a journal also appears late, or disappears.
+lost or repeated for a while. An operator deletes a bucket; then no node stops until the bucket is
+filled again, because what it knows may be known to it alone. All nodes are killed at once; after a
+loss of power, the last message of a journal also appears late, or disappears.
 
 Invariants:
 
@@ -16,7 +17,8 @@ Invariants:
 * No two nodes publish different contents of a step. No step is lost after it was published.
 * A node that answers without a write owns the episode at that moment.
 * Nodes claim only the episodes of a node that was silent for the time of the lease, or that leaves.
-* When the faults stop, exactly one node continues each episode, and each episode ends.
+* When the faults stop, exactly one node continues each episode, each episode ends, and a deleted
+  bucket has been filled again.
 * Each recording is stored once, agrees with the journal, and verifies. Nothing else is left.
 * The nodes log no unexpected error.
 """
@@ -36,6 +38,7 @@ from unittest.mock import patch
 
 from robotouille_server.cluster import node
 from robotouille_server.cluster.bus import Bucket, Stored
+from robotouille_server.cluster.episodes.directory import EpisodeRecord
 from robotouille_server.cluster.episodes.journal import ReplicatedJournal
 from tests.programs.simulation.cluster_games import Game
 from tests.programs.simulation.cluster_nodes import NodeMachine
@@ -69,6 +72,7 @@ FAULTS = (
     "lose_quorum",
     "spoil",
     "leave",
+    "delete_bucket",
     "kill_all",
     "lose_power",
 )
@@ -101,7 +105,7 @@ class ClusterSimulation:
     def _stored(self, writer: str, journal: str, message: Stored) -> None:
         self.trace("stored", writer, journal, message.sequence, message.keep, len(message.data))
         fails = self.power_fails and message.data and ".claim." not in message.id
-        if fails and len(self.nats.storage.messages(journal)) > 1:
+        if fails and not self._bereft and len(self.nats.storage.messages(journal)) > 1:
             self.power_fails = False
             self._kill_all()
             if self.chance.random() < 0.5:
@@ -218,7 +222,7 @@ class ClusterSimulation:
                 return f"{game.tag} is not open"
             if len(holders) != 1 and not game.over:
                 return f"{game.id} is continued by {holders}"
-        return ""
+        return "a deleted bucket is not filled again" if self._bereft else ""
 
     def _over(self) -> str:
         return ", ".join(f"{g.id} has not ended" for g in self.games if not g.over)
@@ -271,12 +275,35 @@ class ClusterSimulation:
     def _machine(self) -> NodeMachine:
         return self.chance.choice(self.machines)
 
+    @property
+    def _bereft(self) -> bool:
+        """True while only the nodes know what a deleted bucket had."""
+        storage = self.nats.storage
+        if len(storage.created()) < len(Bucket):
+            return True
+        known = {EpisodeRecord.model_validate_json(v).episode
+                 for v in storage.values(Bucket.EPISODES).values()}  # fmt: skip
+        return any(game.id and not game.over and game.id not in known for game in self.games)
+
+    def _delete_bucket(self) -> str:
+        """Let an operator delete a bucket."""
+        up = all(machine.ready and machine.process.dies_at is None for machine in self.machines)
+        if self._bereft or not up:
+            return ""
+        bucket = self.chance.choice(list(Bucket))
+        self.nats.storage.delete_bucket(bucket)
+        return bucket
+
     def _kill(self) -> str:
+        if self._bereft:
+            return ""
         process = self._machine().process
         process.dies_at = process.callbacks + self.chance.choice((1, 5, 20, 60))
         return process.name
 
     def _kill_all(self) -> str:
+        if self._bereft:
+            return ""
         for machine in self.machines:
             machine.process.kill()
         return ""
@@ -326,6 +353,8 @@ class ClusterSimulation:
         self.nats.quality = Quality()
 
     def _leave(self) -> str:
+        if self._bereft:
+            return ""
         machine = self._machine()
         return machine.name if machine.leave() else ""
 

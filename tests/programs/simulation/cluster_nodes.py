@@ -156,6 +156,7 @@ class NodeMachine:
         lobby = Lobby(settings, metrics, sessions, LoopBudget(sim.loop), around)
         lobby.observe(self)
         try:
+            await self.bus.prepare()
             await node.join()
             await node.serve(lobby, self.url)
         except BusError:

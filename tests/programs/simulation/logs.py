@@ -20,9 +20,11 @@ EXPECTED = (
     "the node's report was not stored",
     "this node is cut off from NATS",
     "the cluster's buckets cannot be used",
+    "streams or buckets of the cluster were deleted",
     "not written",
 )
-"""Messages that a server must log when the disk is full, or when NATS cannot be used."""
+"""Messages that a server must log when the disk is full, or when NATS cannot be used or loses
+buckets."""
 LIBRARY_FAULTS = ("parser failed", "opening handshake failed", "unexpected internal")
 
 _report: list[Callable[[str], None]] = []
