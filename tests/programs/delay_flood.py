@@ -32,7 +32,7 @@ GAME = {
 
 
 class _DelayedPlayer:
-    """Player who sends bursts of actions, most of which are rejected when they are due."""
+    """Player who sends bursts of actions. The server rejects most of them when they are due."""
 
     def __init__(self, port: int, name: str, code: str) -> None:
         self._connection = connect(port, name)

@@ -137,7 +137,7 @@ async def test_recording_of_messages_at_their_limits_can_be_read(tmp_path: Path,
             totals = Recording(open_file.read_bytes()).totals
             written = server.lobby.find(created["code"]).journal
             assert isinstance(written, Journal)
-            # Readers also count the whole states, of which there are few.
+            # Readers count whole states, too.
             assert replace(written.recorder.totals, frames=totals.frames) == totals
             assert totals.notes > 20
             await server.stop("over", hand_over=True)

@@ -17,7 +17,7 @@ class Disguises:
 
     Anyone can claim to be a bot in `hello`. Hosts, however, may know the conditions of a study, so
     the bots of hosts see each other as bots. No other client does, and a host's bot does not see
-    through the disguise of other bots: all bots of a team must agree on who is in it.
+    through the disguise of other bots: the bots of a team must agree on its members.
 
     Args:
         episode: The episode.
