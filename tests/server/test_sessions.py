@@ -127,6 +127,31 @@ class TestResumeTokens:
                 answer = await thief.ask({**HELLO, "resume": used}, "welcome")
                 assert answer.get("code") == "auth/expired"
 
+    @pytest.mark.parametrize("role", [Role.HOST, Role.PLAYER])
+    @virtual
+    async def test_token_replaced_after_the_end_grants_no_role_of_a_host(
+        self, tmp_path: Path, role: Role
+    ) -> None:
+        async with serving(tmp_path) as server:
+            async with raw(server) as host:
+                code = (await host.ask(CREATE, "created"))["code"]
+            token = server.tokens.mint_role(role, "ada", seconds=3600)
+            async with raw(server, hello=False) as ada:
+                await ada.ask({**HELLO, "token": token}, "welcome")
+                used = [(await ada.ask({"type": "join", "episode": code}, "joined"))["resume"]]
+            server.lobby.find(code).abort("over")
+            for _ in range(2):
+                async with raw(server, hello=False) as again:
+                    await again.ask({**HELLO, "resume": used[-1]}, "welcome")
+                    used.append((await again.expect("joined"))["resume"])
+            await server.stop("restart", hand_over=True)
+        async with serving(tmp_path, seed=2) as server, raw(server, hello=False) as thief:
+            answer = await thief.ask({**HELLO, "resume": used[0]}, "welcome")
+            if role is Role.HOST:
+                assert answer["code"] == "auth/expired"
+            else:
+                assert (await thief.expect("snapshot"))["outcome"]["reason"] == "aborted"
+
     @virtual
     async def test_token_with_a_lost_answer_is_valid_again(self, tmp_path: Path) -> None:
         async with serving(tmp_path) as server:
