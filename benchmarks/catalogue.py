@@ -19,7 +19,8 @@ from pathlib import Path
 
 from robotouille import World, load_task
 from robotouille.episode import ActionRequest, Clock, Episode, Rules
-from robotouille.replay.container import compress, frame_ends, frame_value, pack_frame
+from robotouille.replay.compression import compress
+from robotouille.replay.container import frame_ends, frame_value, pack_frame
 from robotouille.replay.recorder import Recorder, header
 
 RECORDINGS, STEPS, SECONDS = 1_000, 200, 60.0

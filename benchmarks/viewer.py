@@ -15,7 +15,7 @@ from tests.support.games import random_choice, record
 
 from robotouille import World
 from robotouille.episode import ActionRequest, Clock, Episode, Event, Phase, Rules
-from robotouille.replay.container import compress
+from robotouille.replay.compression import compress
 from robotouille.replay.recording import read_recording
 from robotouille_client.window.drawing.window_layout import Strip
 from robotouille_client.window.options import DisplayOptions, WindowStyle

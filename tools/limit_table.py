@@ -11,7 +11,7 @@ from robotouille.domain.json_files import MAX_NESTING
 from robotouille.domain.pictures import MAX_OUTLINES, MAX_PICTURE_BYTES, MAX_SHAPES, MAX_SIDE
 from robotouille.episode import quota, rules, submissions
 from robotouille.protocol import codec, messages
-from robotouille.replay import container
+from robotouille.replay import container, payloads
 from robotouille.world.grounding import ground_objects
 from robotouille.world.text import MAX_SENTENCE
 from robotouille_server.auth import revocation
@@ -372,7 +372,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("Recording to read, uncompressed", _size(container.MAX_FILE),
               "The recording is not read."),
         Limit("Frame", _size(container.MAX_FRAME), "The frame is neither written nor read."),
-        Limit("Values in a frame", f"{container.MAX_ENTRIES:,}",
+        Limit("Values in a frame", f"{payloads.MAX_ENTRIES:,}",
               "The frame is neither written nor read."),
         Limit("Steps of an ended episode shown to a returning client", f"{archive.MAX_STEPS:,}",
               NOT_SHOWN, "auth/expired"),

@@ -24,7 +24,7 @@ from robotouille import World, load_task
 from robotouille.episode import Absence, ActionRequest, Clock, Episode, Rules, Stepped
 from robotouille.planning.policies import PlannerOptions, PlannerPolicy
 from robotouille.planning.solvers import AnytimePlanner
-from robotouille.replay.container import compress
+from robotouille.replay.compression import compress
 from robotouille.replay.recorder import HeaderDetails, Recorder, header
 from robotouille_data.database import database_url
 from robotouille_data.exports.exporting import export

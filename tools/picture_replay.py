@@ -24,7 +24,7 @@ from robotouille.certification.certificate import Deadline
 from robotouille.episode import Absence, ActionRequest, Clock, Episode, Rules
 from robotouille.planning.policies import PlannerOptions, PlannerPolicy
 from robotouille.planning.solvers import AnytimePlanner
-from robotouille.replay.container import compress
+from robotouille.replay.compression import compress
 from robotouille.replay.distances import estimates
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import read_recording

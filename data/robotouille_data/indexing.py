@@ -20,7 +20,7 @@ from sqlalchemy.exc import DataError, IntegrityError
 
 from robotouille.errors import RecordingError
 from robotouille.processes import spawn_context
-from robotouille.replay.container import plain_size
+from robotouille.replay.compression import plain_size
 from robotouille.replay.file_names import CLOSED, OPEN
 from robotouille_data.database import (
     UnavailableError,

@@ -21,7 +21,7 @@ from robotouille.installation import data_folder
 from robotouille.planning.beam.opportunities import Opportunities
 from robotouille.planning.plan import Limits
 from robotouille.planning.steps_to_go import StepsToGo
-from robotouille.replay.container import plain
+from robotouille.replay.compression import plain
 from robotouille.replay.measures import activities, controller_of, rejection_kind
 from robotouille.replay.recording import Recording
 

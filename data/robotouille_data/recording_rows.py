@@ -17,7 +17,8 @@ from robotouille.domain.task import PROFILES
 from robotouille.episode.lifecycle import Stopwatch
 from robotouille.episode.rules import Clock
 from robotouille.errors import RecordingError
-from robotouille.replay.container import MAX_FILE, frames_with_ends, is_closed, plain
+from robotouille.replay.compression import is_closed, plain
+from robotouille.replay.container import MAX_FILE, frames_with_ends
 from robotouille.replay.file_names import iso_time, iso_time_of
 from robotouille.replay.frame_schema import check_frame
 from robotouille_data.recorded_seats import (

@@ -18,7 +18,8 @@ from robotouille.episode import (
     PauseReason,
     Rules,
 )
-from robotouille.replay.container import MAGIC, compress, frame_ends, pack_frame, read_frames
+from robotouille.replay.compression import compress
+from robotouille.replay.container import MAGIC, frame_ends, pack_frame, read_frames
 from robotouille.replay.recorder import HeaderDetails, Recorder, header
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import restore

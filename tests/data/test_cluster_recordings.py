@@ -26,7 +26,8 @@ from nats.js.api import ObjectMeta, ObjectMetaOptions
 
 from robotouille.errors import MissingExtraError
 from robotouille.nats.address import nats_address
-from robotouille.replay.container import MAX_FILE, compress
+from robotouille.replay.compression import compress
+from robotouille.replay.container import MAX_FILE
 from robotouille_client.cli.main import app
 from robotouille_data import indexing
 from robotouille_data.cluster_recordings import ClusterRecordings, Fetched

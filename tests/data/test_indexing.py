@@ -19,7 +19,8 @@ import sqlalchemy as sa
 from robotouille.planning.plan import Limits
 from robotouille.planning.steps_to_go import StepsToGo
 from robotouille.replay import read_recording
-from robotouille.replay.container import MAGIC, MAX_FILE, compress, pack_frame, read_frames
+from robotouille.replay.compression import compress
+from robotouille.replay.container import MAGIC, MAX_FILE, pack_frame, read_frames
 from robotouille_data import indexing
 from robotouille_data import recording_rows as reading
 from robotouille_data.database import (

@@ -16,7 +16,8 @@ from robotouille.episode import ActionRequest, Chat, Clock, Episode, PauseReason
 from robotouille.errors import RecordingError
 from robotouille.planning.beam.opportunities import Opportunities
 from robotouille.replay import Recording
-from robotouille.replay.container import MAGIC, compress, pack_frame, read_frames
+from robotouille.replay.compression import compress
+from robotouille.replay.container import MAGIC, pack_frame, read_frames
 from robotouille.replay.measures import activities
 from robotouille.replay.recorder import Recorder, header
 from robotouille_data import recording_rows as reading

@@ -25,7 +25,7 @@ from robotouille.episode import Clock
 from robotouille.episode.tallies import Activity
 from robotouille.html_report.intervals import wilson_interval
 from robotouille.replay import read_recording
-from robotouille.replay.container import compress
+from robotouille.replay.compression import compress
 from robotouille.replay.measures import activities
 from robotouille_client.cli.main import app
 from robotouille_data.database import CatalogueError, database_url, insert, migrate, writing_engine

@@ -18,7 +18,7 @@ pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 import sqlalchemy as sa
 from sqlalchemy.engine import URL
 
-from robotouille.replay.container import compress
+from robotouille.replay.compression import compress
 from robotouille_data import indexing as watching
 from robotouille_data.database import CatalogueError, database_url
 from robotouille_data.indexing import IndexResult, index, watch

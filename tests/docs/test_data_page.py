@@ -14,7 +14,7 @@ pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 from typer.testing import CliRunner
 
 from robotouille.replay import read_recording
-from robotouille.replay.container import compress
+from robotouille.replay.compression import compress
 from robotouille_client.cli.main import app
 from robotouille_data.database import database_url
 from robotouille_data.indexing import index

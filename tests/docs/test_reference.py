@@ -21,7 +21,7 @@ from robotouille.certification.certifying import BUDGET
 from robotouille.episode import Absence, Controller, PauseReason
 from robotouille.episode.quota import SEAT_QUOTA_BYTES
 from robotouille.protocol import codec, messages
-from robotouille.replay.container import BLOCK
+from robotouille.replay.compression import BLOCK
 from robotouille_client.sansio import attempts as backoff
 from robotouille_server import ServerSettings
 from robotouille_server.auth.roles import Role

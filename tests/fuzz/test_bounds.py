@@ -23,7 +23,8 @@ from hypothesis import strategies as st
 
 from robotouille.errors import ProtocolError
 from robotouille.protocol.codec import JSON, MSGPACK
-from robotouille.replay.container import MAGIC, compress, unwrap
+from robotouille.replay.compression import compress, unwrap
+from robotouille.replay.container import MAGIC
 from tests.support.fuzzing.adversary import Adversary
 from tests.support.fuzzing.forgery import framed
 from tests.support.fuzzing.hostile_inputs import HOSTILE_INPUTS

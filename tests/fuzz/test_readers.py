@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 
 from robotouille import RecordingError, RobotouilleError
 from robotouille.domain.json_files import read_json
-from robotouille.replay.container import MAGIC, read_frames, unwrap
+from robotouille.replay.compression import unwrap
+from robotouille.replay.container import MAGIC, read_frames
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_evaluation.metrics.rows import read_rows
 from robotouille_evaluation.metrics.statistics import read_labels

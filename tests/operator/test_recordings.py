@@ -6,7 +6,8 @@ import asyncio
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from robotouille.replay.container import MAGIC, compress, pack_frame
+from robotouille.replay.compression import compress
+from robotouille.replay.container import MAGIC, pack_frame
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_server.operator.recordings.heads import PIECE
 from robotouille_server.operator.recordings.store import DOWNLOAD_PIECE

@@ -18,7 +18,8 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from robotouille import RecordingError
-from robotouille.replay.container import compress, frame_ends, unwrap
+from robotouille.replay.compression import compress, unwrap
+from robotouille.replay.container import frame_ends
 from robotouille.replay.recording import Recording, recording_of
 
 if sys.version_info >= (3, 14):

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from robotouille import RecordingError
-from robotouille.replay import container
-from robotouille.replay.container import MAGIC, compress, frame_ends, intact, pack_frame
+from robotouille.replay import compression, container
+from robotouille.replay.compression import compress
+from robotouille.replay.container import MAGIC, frame_ends, intact, pack_frame
 from robotouille.replay.recording import Recording, read_recording, recording_of
 from tests.programs.every_bit import flip_some
 from tests.support.games import recorded_game
@@ -107,7 +108,7 @@ class TestClosedFiles:
     def test_flipped_bits_lose_no_earlier_block(
         self, short_game: bytes, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(container, "BLOCK", 256)  # A short game then has many blocks.
+        monkeypatch.setattr(compression, "BLOCK", 256)  # A short game then has many blocks.
         end = 8 * len(compress(short_game))
         bits: Iterable[int] = [*range(0, end - 64, 97 * STRIDE), *range(end - 64, end, 17)]
         counts = flip_some(short_game, bits, closed=True)
@@ -142,4 +143,4 @@ class TestClosedFiles:
     def test_closed_file_has_the_size_of_its_content(self) -> None:
         """Without it, six threads that closed recordings at the same time took 69 MiB."""
         closed = compress(game())
-        assert container.zstd.get_frame_info(closed).decompressed_size == len(game())
+        assert compression.zstd.get_frame_info(closed).decompressed_size == len(game())

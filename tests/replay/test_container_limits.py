@@ -9,22 +9,17 @@ import pytest
 
 from robotouille import RecordingError
 from robotouille.replay import container
+from robotouille.replay.compression import MAX_RATIO, SMALL, compress, plain, unwrap, zstd
 from robotouille.replay.container import (
     MAGIC,
-    MAX_ENTRIES,
     MAX_FRAME,
-    MAX_RATIO,
-    SMALL,
-    compress,
     frame_ends,
     frames_with_ends,
     pack_frame,
-    plain,
     read_frames,
-    unwrap,
-    zstd,
 )
 from robotouille.replay.frame_schema import MAX_TEXT
+from robotouille.replay.payloads import MAX_ENTRIES
 from robotouille.replay.recording import Recording, recording_of
 from tests.support.games import recorded_game
 from tests.support.samples import quick_sample

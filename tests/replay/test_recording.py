@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from robotouille import RecordingError, RobotouilleError
 from robotouille.episode import Clock
-from robotouille.replay.container import MAGIC, compress, pack_frame, read_frames, unwrap
+from robotouille.replay.compression import compress, unwrap
+from robotouille.replay.container import MAGIC, pack_frame, read_frames
 from robotouille.replay.controllers import json_lines
 from robotouille.replay.recording import Recording, read_recording
 from tests.support.games import recorded_game

@@ -15,7 +15,7 @@ pytest.importorskip("av", reason="needs the extra `video`")
 
 from robotouille.errors import FileError
 from robotouille.files.writing import whole_file
-from robotouille.replay.container import compress
+from robotouille.replay.compression import compress
 from robotouille_client.cli.main import app
 from robotouille_evaluation.models import Completion, Message, ModelRequest, Usage
 from robotouille_evaluation.report import write_report

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from websockets.asyncio.client import connect
 
-from robotouille.replay.container import unwrap
+from robotouille.replay.compression import unwrap
 from tests.support.processes import process
 from tests.support.servers import Raw
 

@@ -21,7 +21,7 @@ from robotouille import GroundAction
 from robotouille.certification.certificate import load_certificate
 from robotouille.episode import Clock, Episode, Phase, Rules
 from robotouille.protocol.messages import EpisodeInfo, SeatInfo
-from robotouille.replay.container import compress
+from robotouille.replay.compression import compress
 from robotouille_client.window.app.level_map import LevelMap
 from robotouille_client.window.app.main_menu import KeysMenu, SettingsMenu, main_menu, quit_form
 from robotouille_client.window.app.play_menu import PlayMenu, TaskPicker

@@ -16,7 +16,7 @@ from robotouille.domain.task import Timing
 from robotouille.episode import Absence, ActionRequest, Clock, Episode, Rules
 from robotouille.episode.events import Moderation
 from robotouille.errors import ProtocolError
-from robotouille.replay.container import compress
+from robotouille.replay.compression import compress
 from robotouille.replay.recorder import HeaderDetails, Recorder, header
 
 __all__ = ["random_stream", "talkative_stream", "write_recordings"]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from robotouille.replay.container import compress
+from robotouille.replay.compression import compress
 from tests.support.random_play import random_stream
 
 __all__ = ["PAIRS", "ROUNDS", "Write", "manifest", "write_random_study"]

@@ -17,7 +17,8 @@ from robotouille import State, UnknownNameError
 from robotouille.certification.certificate import Deadline
 from robotouille.domain.rendering import rendering_of
 from robotouille.protocol.states import StateReader
-from robotouille.replay.container import MAGIC, compress, pack_frame, read_frames
+from robotouille.replay.compression import compress
+from robotouille.replay.container import MAGIC, pack_frame, read_frames
 from robotouille.replay.controllers import seatings
 from robotouille.replay.recording import Recording
 from robotouille.web import recording_page

@@ -17,7 +17,8 @@ from tests.support.window_play import follow, post
 
 from robotouille.domain.loading import task_names
 from robotouille.planning.policies.standing import seat_out_of_the_way
-from robotouille.replay.container import frame_ends, plain
+from robotouille.replay.compression import plain
+from robotouille.replay.container import frame_ends
 from robotouille_client.bots.partners import prompt_partners
 from robotouille_client.window.app import play_menu as task_picker
 from robotouille_client.window.app import thumbnails

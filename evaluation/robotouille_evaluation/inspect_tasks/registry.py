@@ -34,7 +34,7 @@ from rich.markup import escape
 
 from robotouille.errors import FileError, RobotouilleError
 from robotouille.installation import VERSION
-from robotouille.replay.container import compress
+from robotouille.replay.compression import compress
 from robotouille.terminal import options_from
 from robotouille_evaluation.agents.making import PAPER_REACT, make_strategy
 from robotouille_evaluation.inspect_tasks.samples import (

@@ -14,7 +14,7 @@ from typing import Any
 from robotouille import World
 from robotouille.errors import FileError, RobotouilleError
 from robotouille.planning import StepsToGo
-from robotouille.replay.container import compress
+from robotouille.replay.compression import compress
 from robotouille.replay.recording import Recording
 from robotouille_evaluation.agents.proposal import Complete, ContextOverflow, answer_all
 from robotouille_evaluation.metrics.measuring import measure

@@ -7,6 +7,8 @@
 
 All numbers are little-endian, and a payload is MessagePack.
 
+`payloads` decodes payloads within limits, and `compression` reads and writes closed files.
+
 A file may be *torn*: its process was killed while it wrote, or the power failed. The frames before
 the tear are then intact, and reading ends there. Any other fault is *damage* and an error.
 """
@@ -15,7 +17,6 @@ from __future__ import annotations
 
 import re
 import struct
-import sys
 import zlib
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
@@ -25,11 +26,7 @@ import msgpack
 
 from robotouille.errors import RecordingError
 from robotouille.files.reading import content_kind
-
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
+from robotouille.replay.payloads import unpack, unpack_without
 
 FORMAT_VERSION = 3
 MAGIC = b"RBTL" + bytes([FORMAT_VERSION])
@@ -52,26 +49,12 @@ shipped tasks, a reason takes 60 bytes or more, and an object 16 in the text and
 do not reach this. Other tasks may have shorter words."""
 MAX_CHANGES = 25_000_000
 """Entries of `add` and `remove` in all steps of a recording. Games have about ten in a step."""
-MAX_RATIO = 1024
-"""Bytes of the stream per byte of a closed file.
-
-`compress` writes a block of 4 KiB in at least 4 bytes, so no written recording exceeds this ratio.
-Recordings of games have ratios of 3 to 100; a file of 8 kB can claim 256 MiB."""
-SMALL = 4 * 1024 * 1024
-"""Bytes of an uncompressed recording that may have any ratio, for example because another program
-has compressed it."""
-BLOCK = 4 * 1024
-"""Bytes in a compressed block. A damaged block is lost as a whole, so blocks are small."""
-PIECE, PLAIN_PIECE = 16 * 1024, 1024 * 1024
-"""Bytes given to the decompressor at once, and bytes taken from it at once."""
 
 WHOLE = 4 * 1024
 """Bytes of a payload that is decoded as a whole: to look for single fields would be slower."""
-
 UNCHECKED = 128 * 1024
 """Bytes of a payload too short to exceed the limits of `unpack`, so the payload is not checked."""
 
-_ZSTD = b"\x28\xb5\x2f\xfd"
 _LENGTH_AND_SUM = struct.Struct("<II")
 _SUM = struct.Struct("<I")
 _HEAD = 12
@@ -89,106 +72,20 @@ _MAP_BYTES = (1, 3)
 
 _pack = msgpack.Packer(autoreset=True).pack
 
-# MessagePack within limits. A list of four billion entries is announced in five bytes, and an empty
-# map takes one byte in a file and sixty-four in memory. A payload is therefore checked before it is
-# decoded.
-
-MAX_LENGTH = 200_000
-"""Entries of one list or map."""
-MAX_ENTRIES = 500_000
-"""Values in a frame at any depth, with the keys and values of maps."""
-MAX_ANNOUNCED = 4_000_000
-"""Places that the lists of a payload may reserve before a count has shown them to be filled."""
-
-_LONG_LISTS = b"\xdc\xdd"
-"""First bytes of lists of 16 entries or more, for which the decoder reserves all places at once."""
-_FIXED = {0xC0: 0, 0xC2: 0, 0xC3: 0, 0xCA: 4, 0xCB: 8, 0xCC: 1, 0xCD: 2, 0xCE: 4, 0xCF: 8,
-          0xD0: 1, 0xD1: 2, 0xD2: 4, 0xD3: 8}  # fmt: skip
-_STRINGS = {0xD9: 1, 0xDA: 2, 0xDB: 4}
-_CONTAINERS = {0xDC: (2, 1), 0xDD: (4, 1), 0xDE: (2, 2), 0xDF: (4, 2)}
-"""Bytes of the length, and values in each entry."""
-
-
-def unpack(payload: bytes, *, checked: bool = False) -> dict[str, Any]:
-    """Decode the map of a payload. ValueError if it is invalid or exceeds a limit.
-
-    `checked`: True if the payload has been decoded before, so that its values need no counting.
-    """
-    # Most payloads are too small to exceed a limit. Only the others are counted, which is slow.
-    size = len(payload)
-    longest = min(size, MAX_LENGTH)
-    lists = 0 if checked else size - len(payload.translate(None, _LONG_LISTS))
-    if not checked and (size > MAX_ENTRIES or lists * longest > MAX_ANNOUNCED):
-        _check_entries(payload)
-    # Recordings contain no binary or extension values, so the decoder refuses them.
-    value = msgpack.unpackb(
-        payload,
-        strict_map_key=True,
-        max_ext_len=0,
-        max_bin_len=0,
-        max_array_len=longest,
-        max_map_len=longest,
-    )
-    if not isinstance(value, dict):
-        raise ValueError("a frame is not a map")
-    return value
-
-
-def _check_entries(payload: bytes) -> None:
-    """Raise ValueError if a payload has too many values or announces more than it has."""
-    position, awaited, size, seen = 0, 1, len(payload), 1
-    while awaited:
-        if position >= size:
-            raise ValueError("it ends within a value")
-        first = payload[position]
-        position += 1
-        awaited -= 1
-        more = 0
-        if first < 0x80 or first >= 0xE0:
-            continue
-        if first < 0x90:
-            more = 2 * (first & 0x0F)
-        elif first < 0xA0:
-            more = first & 0x0F
-        elif first < 0xC0:
-            position += first & 0x1F
-        elif first in _FIXED:
-            position += _FIXED[first]
-        elif first in _STRINGS:
-            width = _STRINGS[first]
-            position += width + int.from_bytes(payload[position : position + width], "big")
-        elif first in _CONTAINERS:
-            width, each = _CONTAINERS[first]
-            length = int.from_bytes(payload[position : position + width], "big")
-            if length > MAX_LENGTH:
-                raise ValueError(f"a list or map of {length:,} entries, over {MAX_LENGTH:,}")
-            position += width
-            more = length * each
-        else:
-            raise ValueError("a value of a type that recordings do not use")
-        if more:
-            awaited += more
-            seen += more
-            if seen > MAX_ENTRIES:
-                raise ValueError(f"more than {MAX_ENTRIES:,} values in one frame")
-            if awaited > size - position:
-                raise ValueError("it announces more values than it has bytes for")
-
-
 # Frames
 
 
 def check_magic(stream: bytes) -> None:
     """Raise RecordingError unless an uncompressed stream begins like a readable recording."""
     if stream[:4] != MAGIC[:4]:
-        raise RecordingError(_other_content(stream))
+        raise RecordingError(other_content(stream))
     if len(stream) < len(MAGIC):
         raise RecordingError("not a recording: it ends after 'RBTL'")
     if stream[4] != FORMAT_VERSION:
         raise RecordingError(_other_version(stream[4]))
 
 
-def _check_number(stream: bytes) -> None:
+def check_number(stream: bytes) -> None:
     """Raise RecordingError if a stream has too many frames. Only lengths are read."""
     if len(stream) <= MAX_FRAMES * (_HEAD + 1):
         return
@@ -200,7 +97,8 @@ def _check_number(stream: bytes) -> None:
             raise RecordingError(f"damaged: more than {MAX_FRAMES:,} frames")
 
 
-def _other_content(content: bytes) -> str:
+def other_content(content: bytes) -> str:
+    """Return the error of content that is not a recording."""
     kind = content_kind(content[:1024])
     return f"not a recording but {kind}; the server writes recordings as .rbt files"
 
@@ -240,128 +138,6 @@ def _refuse_unreadable(payload: bytes) -> None:
         raise RecordingError(f"a frame that cannot be recorded: {error}") from None
 
 
-# Closed files
-
-
-def compress(stream: bytes) -> bytes:
-    """Return the content of a closed recording, with a checksum over all of it."""
-    options = {
-        int(zstd.CompressionParameter.compression_level): 9,
-        int(zstd.CompressionParameter.checksum_flag): 1,
-    }
-    compressor = zstd.ZstdCompressor(options=options)
-    # Without the size, zstd reserves 11 MiB for each recording that is closed at the same time.
-    compressor.set_pledged_input_size(len(stream))
-    pieces = [
-        # Without flushing, a reader would lose everything that the compressor had not put out
-        # before the damage.
-        compressor.compress(stream[at : at + BLOCK], mode=zstd.ZstdCompressor.FLUSH_BLOCK)
-        for at in range(0, len(stream), BLOCK)
-    ]
-    return b"".join([*pieces, compressor.flush()])
-
-
-def is_closed(content: bytes) -> bool:
-    """Return whether a file's content is that of a closed recording."""
-    # Decided by the content and not by the suffix, because people rename files.
-    return content[:4] == _ZSTD
-
-
-def plain_size(content: bytes) -> int:
-    """Return the size of a file's stream without decompressing it, or a limit of the size."""
-    if not is_closed(content):
-        return len(content)
-    most = min(MAX_FILE, max(SMALL, MAX_RATIO * len(content)))
-    try:
-        stated = zstd.get_frame_info(content).decompressed_size
-    except zstd.ZstdError:
-        return most
-    return most if stated is None else min(most, stated)
-
-
-def unwrap(content: bytes) -> bytes:
-    """Return the uncompressed stream of a recording. RecordingError if it is damaged."""
-    stream, fault = plain(content)
-    if fault:
-        raise RecordingError(fault)
-    return stream
-
-
-def plain(content: bytes, limit: int = MAX_FILE) -> tuple[bytes, str]:
-    """Return the readable part of a recording, uncompressed, and the damage as text if any.
-
-    Decompression stops soon after `limit` bytes.
-
-    Raises:
-        RecordingError: The content is not a recording.
-    """
-    if is_closed(content):
-        most = max(SMALL, MAX_RATIO * len(content))
-        stream, fault = _decompressed(content, min(limit, most))
-        if most < min(limit, len(stream)):
-            fault = f"damaged: {len(content):,} bytes that expand to more than {most:,}"
-    else:
-        stream, fault = content, ""
-    try:
-        check_magic(stream)
-    except RecordingError as error:
-        raise RecordingError(fault or str(error)) from None
-    _check_number(stream)
-    return stream, fault
-
-
-def _decompressed(content: bytes, limit: int) -> tuple[bytes, str]:
-    found: list[bytes] = []
-    try:
-        failed = _inflate(content, found, len(content), limit)
-        if failed < len(content):
-            # Nothing comes out of a piece that contains damage. A second pass, byte by byte in
-            # that piece, finds what stands before the damage.
-            found.clear()
-            _inflate(content, found, failed, limit)
-            return b"".join(found), "damaged: the compressed stream is invalid"
-    except RecordingError as error:
-        return b"".join(found), str(error)
-    return b"".join(found), ""
-
-
-def _inflate(content: bytes, found: list[bytes], intact_bytes: int, limit: int) -> int:
-    """Decompress in pieces, after the first `intact_bytes` byte by byte.
-
-    Returns:
-        The position of the piece that cannot be decompressed, or the length of the content.
-    """
-    decompressor, at = zstd.ZstdDecompressor(), 0
-    while at < len(content) and not decompressor.eof:
-        size = PIECE if at < intact_bytes else 1
-        try:
-            _feed(decompressor, content[at : at + size], found, limit)
-        except zstd.ZstdError:
-            return at
-        at += size
-    if not decompressor.eof:
-        raise RecordingError("damaged: the compressed stream is cut off")
-    if decompressor.unused_data or at < len(content):
-        raise RecordingError("damaged: data follows the end of the compressed stream")
-    return len(content)
-
-
-def _feed(
-    decompressor: zstd.ZstdDecompressor, piece: bytes, found: list[bytes], limit: int
-) -> None:
-    # A decompression bomb is noticed by its first bytes or by its size, before it fills memory.
-    while piece or not (decompressor.needs_input or decompressor.eof):
-        more = decompressor.decompress(piece, max_length=PLAIN_PIECE)
-        piece = b""
-        if not more:
-            continue
-        found.append(more)
-        if not found[0].startswith(MAGIC[: min(4, len(found[0]))]):
-            raise RecordingError(_other_content(found[0]))
-        if len(found) * PLAIN_PIECE > limit and sum(map(len, found)) > limit:
-            raise RecordingError(f"damaged: more than {limit:,} bytes, uncompressed")
-
-
 # Reading
 
 
@@ -389,7 +165,7 @@ def frames_with_ends(
         RecordingError: A frame is damaged. The message has the position of its first byte.
     """
     check_magic(stream)
-    _check_number(stream)
+    check_number(stream)
     totals = totals or Totals()
     while position < len(stream):
         end, fault = _end_of_frame(stream, position)
@@ -490,24 +266,10 @@ def frame_value(
     payload = stream[start + _HEAD : end]
     try:
         if without and checked and len(payload) > WHOLE:
-            return _unpack_without(payload, without)
+            return unpack_without(payload, without)
         return unpack(payload, checked=checked)
     except (ValueError, msgpack.UnpackException) as error:
         raise RecordingError(f"damaged at byte {start}: {error}") from None
-
-
-def _unpack_without(payload: bytes, fields: Collection[str]) -> dict[str, Any]:
-    """Decode a map without some of its fields. To skip a value is much faster than to decode it."""
-    decoder = msgpack.Unpacker(max_buffer_size=len(payload))
-    decoder.feed(payload)
-    found = {}
-    for _ in range(decoder.read_map_header()):
-        field = decoder.unpack()
-        if field in fields:
-            decoder.skip()
-        else:
-            found[field] = decoder.unpack()
-    return found
 
 
 def step_number(stream: bytes, start: int) -> int | None:

@@ -14,6 +14,7 @@ from robotouille.domain.task import Task
 from robotouille.errors import RecordingError, RobotouilleError, UnknownNameError, WrongWorldError
 from robotouille.files.reading import open_regular
 from robotouille.protocol.states import StateReader, StateWriter
+from robotouille.replay.compression import is_closed, plain
 from robotouille.replay.conduct import Conduct, wrong_outcome
 from robotouille.replay.container import (
     MAGIC,
@@ -23,9 +24,7 @@ from robotouille.replay.container import (
     frame_ends,
     frame_value,
     frames_with_ends,
-    is_closed,
     pack_frame,
-    plain,
     step_number,
 )
 from robotouille.replay.frame_schema import STATE_FIELDS, check_frame

@@ -16,7 +16,7 @@ import polars as pl
 import sqlalchemy as sa
 from sqlalchemy.engine import URL
 
-from robotouille.replay.container import compress
+from robotouille.replay.compression import compress
 from robotouille.replay.frame_schema import Note
 from robotouille_data.database import database_url
 from robotouille_data.exports.exporting import export

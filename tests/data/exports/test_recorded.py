@@ -20,7 +20,8 @@ import sqlalchemy as sa
 from robotouille import World, load_task
 from robotouille.episode import ActionRequest, Episode, Rules
 from robotouille.replay import Recording, read_recording
-from robotouille.replay.container import compress, frame_ends, frame_value, pack_frame, plain
+from robotouille.replay.compression import compress, plain
+from robotouille.replay.container import frame_ends, frame_value, pack_frame
 from robotouille.replay.recorder import Recorder, header
 from robotouille_data.database import CatalogueError, database_url, writing_engine
 from robotouille_data.exports.exporting import export

@@ -13,7 +13,8 @@ pytest.importorskip("pyarrow", reason="needs the extra `data`")
 import polars as pl
 import sqlalchemy as sa
 
-from robotouille.replay.container import MAGIC, compress, pack_frame, read_frames
+from robotouille.replay.compression import compress
+from robotouille.replay.container import MAGIC, pack_frame, read_frames
 from robotouille_data.database import database_url
 from robotouille_data.exports.people import groups, split
 from robotouille_data.indexing import index

@@ -18,7 +18,7 @@ pytest.importorskip("polars", reason="needs the extra `data`")
 import polars as pl
 from sqlalchemy.engine import URL
 
-from robotouille.replay.container import compress
+from robotouille.replay.compression import compress
 from robotouille.terminal import spreadsheet_cell
 from robotouille_data.database import database_url
 from robotouille_data.exports import tables

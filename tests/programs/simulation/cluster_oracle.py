@@ -10,7 +10,7 @@ from typing import Any
 
 from robotouille.episode import ActionRejected, Event, Stepped
 from robotouille.episode.events import EpisodeEnded
-from robotouille.replay.container import unwrap
+from robotouille.replay.compression import unwrap
 from robotouille.replay.frame_schema import note_of
 from robotouille.replay.recording import Recording
 from robotouille.world.world import World

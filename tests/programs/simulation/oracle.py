@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 from weakref import WeakValueDictionary
 
 from robotouille.domain.task import Task
-from robotouille.replay.container import MAGIC, frame_ends, frame_value, unwrap
+from robotouille.replay.compression import unwrap
+from robotouille.replay.container import MAGIC, frame_ends, frame_value
 from robotouille.replay.recording import Recording
 from robotouille.world.world import State, World
 from robotouille_client import Game

@@ -8,7 +8,8 @@ from typing import Any
 
 import msgpack
 
-from robotouille.replay.container import MAGIC, compress, read_frames, unwrap
+from robotouille.replay.compression import compress, unwrap
+from robotouille.replay.container import MAGIC, read_frames
 from tests.support.fuzzing.adversary import Adversary
 from tests.support.fuzzing.specimens import recordings
 

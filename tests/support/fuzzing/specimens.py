@@ -12,7 +12,7 @@ from tools.message_examples import EXAMPLES
 from robotouille.episode import Clock
 from robotouille.installation import data_folder
 from robotouille.protocol import messages
-from robotouille.replay.container import compress
+from robotouille.replay.compression import compress
 from tests.support.games import recorded_game
 
 if sys.version_info >= (3, 14):

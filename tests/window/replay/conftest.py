@@ -10,7 +10,7 @@ import pytest
 from tests.support.viewer_pictures import eventful
 from tests.support.window_play import Timer, headless_window
 
-from robotouille.replay.container import compress
+from robotouille.replay.compression import compress
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_client.window.replay.viewer import RecordingViewer
 

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from robotouille.certification.certificate import Deadline
 from robotouille.planning import Limits, StepsToGo
-from robotouille.replay.container import compress
+from robotouille.replay.compression import compress
 from robotouille.replay.distances import coarse_first, estimates
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_client.cli.main import app

@@ -17,7 +17,8 @@ from typer.testing import CliRunner
 from robotouille import World, load_task
 from robotouille.episode import Clock, Episode, Rules
 from robotouille.installation import data_folder
-from robotouille.replay.container import MAGIC, compress
+from robotouille.replay.compression import compress
+from robotouille.replay.container import MAGIC
 from robotouille_client.cli.main import app
 from robotouille_client.window.replay.viewer import RecordingViewer
 

@@ -12,7 +12,8 @@ from tests.support.games import recorded_game
 from tests.support.window_play import headless_window
 
 from robotouille.errors import RobotouilleError
-from robotouille.replay.container import compress, frame_ends
+from robotouille.replay.compression import compress
+from robotouille.replay.container import frame_ends
 from robotouille.replay.recording import read_recording
 from robotouille_client.window.drawing.window_layout import layout
 from robotouille_client.window.replay.viewer import RecordingViewer, ReplayCards

@@ -18,7 +18,7 @@ from robotouille.episode.rules import Clock
 from robotouille.errors import RecordingError
 from robotouille.files.writing import replace_file
 from robotouille.planning.policies.standing import seat_out_of_the_way
-from robotouille.replay.container import compress
+from robotouille.replay.compression import compress
 from robotouille.replay.file_names import CLOSED, file_name
 from robotouille.replay.recorder import Recorder, header
 from robotouille.world.lint import sound_task

@@ -18,7 +18,8 @@ from pygame import Surface
 
 from robotouille.domain.task import Task
 from robotouille.errors import RecordingError
-from robotouille.replay.container import MAGIC, frame_ends, frame_value, is_closed, plain
+from robotouille.replay.compression import is_closed, plain
+from robotouille.replay.container import MAGIC, frame_ends, frame_value
 from robotouille.replay.file_names import CLOSED, OPEN
 from robotouille.world.presentation.places import capitalised
 from robotouille_client.window.app.thumbnails import Thumbnails

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, BinaryIO, cast
 
 from robotouille.errors import RecordingError
+from robotouille.replay.compression import is_closed
 from robotouille.replay.container import (
     MAGIC,
     MAX_FILE,
@@ -15,7 +16,6 @@ from robotouille.replay.container import (
     check_magic,
     frame_ends,
     frame_value,
-    is_closed,
 )
 from robotouille_server.operator.rows import search_text
 

@@ -15,7 +15,8 @@ from http import HTTPStatus
 from typing import Any, BinaryIO, Protocol
 
 from robotouille.errors import RecordingError
-from robotouille.replay.container import MAGIC, frame_value, is_closed
+from robotouille.replay.compression import is_closed
+from robotouille.replay.container import MAGIC, frame_value
 from robotouille.replay.file_names import is_recording_name
 from robotouille.replay.frame_schema import check_frame
 from robotouille_server.operator.models import LogLine, RecordingPage, RecordingRow

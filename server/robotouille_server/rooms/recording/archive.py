@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from robotouille.errors import ProtocolError, RecordingError, RobotouilleError
-from robotouille.replay.container import is_closed, plain
+from robotouille.replay.compression import is_closed, plain
 from robotouille.replay.file_names import CLOSED, OPEN, recording_stem
 from robotouille.replay.recorder import Recorder
 from robotouille.replay.recording import Recording

@@ -10,7 +10,8 @@ from typing import Any, Protocol
 
 from robotouille.episode import Event
 from robotouille.errors import RecordingError
-from robotouille.replay.container import MAGIC, Totals, compress, frame_ends, frame_value, plain
+from robotouille.replay.compression import compress, plain
+from robotouille.replay.container import MAGIC, Totals, frame_ends, frame_value
 from robotouille.replay.file_names import CLOSED, OPEN, file_name
 from robotouille.replay.recorder import Recorder
 from robotouille_server.rooms.recording.storage import Appender, FileCondition, Storage
