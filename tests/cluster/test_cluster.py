@@ -13,6 +13,7 @@ import pytest
 
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
+from robotouille.replay import recording
 from robotouille.replay.recording import read_recording
 from robotouille_client import Client, Game, connect
 from robotouille_server.auth.roles import Role
@@ -25,6 +26,7 @@ from robotouille_server.cluster.episodes.journal import ReplicatedJournal
 from robotouille_server.cluster.service import ClusterService
 from robotouille_server.requests import Opening
 from robotouille_server.rooms.recording import journal
+from robotouille_server.rooms.recording.archive import FRAMES_A_TURN
 from tests.support.buses import Handler, SimulatedBus, SimulatedNats
 from tests.support.clusters import Nodes, cluster_of, cluster_on
 from tests.support.virtual_time import virtual
@@ -563,6 +565,30 @@ class TestHandOver:
             await step(game)
             assert game.step == 2
             assert nodes.owner(game.episode) is owner
+
+    @virtual
+    async def test_other_games_go_on_while_a_long_journal_is_read(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        loop, checked, check = asyncio.get_running_loop(), [0], recording.check_frame
+
+        def counted(frame: dict[str, Any], number: int) -> None:
+            if not checked[-1]:
+                loop.call_soon(checked.append, 0)
+            checked[-1] += 1
+            check(frame, number)
+
+        async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+            game = await ada.join((await ada.create("training/01", move_budget=0)).code)
+            for _ in range(40):
+                await step(game)
+            other = nodes.others(nodes.owner(game.episode))[0].cluster.node
+            record = other.directory.find(game.episode)
+            assert record is not None
+            monkeypatch.setattr(recording, "check_frame", counted)
+            await other.claims.prepare(record)
+        assert sum(checked) > 40
+        assert max(checked) <= FRAMES_A_TURN
 
     @virtual
     async def test_node_that_was_suspended_asks_nobody_to_adopt_what_it_has_lost(

@@ -101,7 +101,7 @@ class Claims:
         """
         async with self._limit:
             stored = await self._bus.read(record.episode)
-            recording = Recording(assembled(stored), record.file)
+            recording = await _recording(assembled(stored), record)
             restoration = Restoration(recording, self._continuation.now(), shared_world)
             await in_turns(restoration.replay(but_last=HELD_BACK))
         self._prepared[record.episode] = Prepared(stored, restoration)
@@ -209,7 +209,7 @@ class Claims:
     ) -> tuple[Recording, Restored]:
         restoration = prepared.restoration if prepared is not None else None
         if restoration is None:
-            recording = Recording(content, record.file)
+            recording = await _recording(content, record)
         else:
             recording = restoration.recording.extended(content)
         # Anybody who can write to the bucket chooses this name, and a file of that name would be
@@ -282,6 +282,11 @@ class Claims:
 
         self._bus.append(Append(record.episode, data, last, name, keep), done)
         return await result
+
+
+async def _recording(content: bytes, record: EpisodeRecord) -> Recording:
+    """Read a journal. Other games take turns, because a long one takes a tenth of a second."""
+    return await in_turns(Recording.opening(content, record.file, closed=False))
 
 
 def _offered(offer: Offer, prepared: Prepared | None) -> tuple[bytes, int] | None:

@@ -221,7 +221,7 @@ def _expired(why: str) -> ProtocolError:
     return ProtocolError("auth/expired", f"{why}; send hello without 'resume'", "resume")
 
 
-async def in_turns(work: Generator[None, None, T]) -> T:
+async def in_turns(work: Generator[object, None, T]) -> T:
     """Do some work in small parts, and let others run in between."""
     while True:
         try:
