@@ -15,7 +15,15 @@ from tests.programs.drill.server import ServerProcess
 from tests.support.nats import Link, NatsCluster, nats_cluster
 from tests.support.worker_processes import lasting_ports
 
-__all__ = ["CUT_OFF", "NATS_SERVERS", "Cluster", "Node", "cpu_seconds", "running_cluster"]
+__all__ = [
+    "CUT_OFF",
+    "NATS_SERVERS",
+    "Cluster",
+    "Node",
+    "core_wait",
+    "cpu_seconds",
+    "running_cluster",
+]
 
 READY_SECONDS = 120.0
 STOP_SECONDS = 120.0
@@ -140,6 +148,11 @@ async def _silent_nats(folder: Path) -> AsyncIterator[NatsCluster]:
     finally:
         with redirect_stdout(io.StringIO()):  # It prints the logs of its servers.
             running.__exit__(None, None, None)
+
+
+def core_wait(pid: int) -> float:
+    """Return the seconds in which a process could have run, but other programs had all cores."""
+    return int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) / 1e9
 
 
 def cpu_seconds(pid: int) -> float:

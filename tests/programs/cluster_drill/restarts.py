@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import signal
 import time
+from statistics import median
 
-from tests.programs.cluster_drill.cluster import CUT_OFF
+from tests.programs.cluster_drill.cluster import CUT_OFF, core_wait
 from tests.programs.cluster_drill.stage import Stage
 from tests.programs.drill.report import spread
 
@@ -53,10 +54,11 @@ async def rolling(stage: Stage) -> None:
         await asyncio.sleep(QUIET_SECONDS)
         before = [late.seconds for late in crowd.late if late.at >= begun]
         stage.row(f"late steps in {QUIET_SECONDS:g} s before", spread(before))
-    begun = time.monotonic()
+    begun, waits = time.monotonic(), list[float]()
     for number in range(plan.rounds):
         for node in stage.cluster.nodes:
             episodes = len(stage.played_at(node))
+            waits.append(core_wait(node.process.pid) / (time.monotonic() - node.process.started))
             await node.process.kill(signal.SIGTERM)
             took = node.process.stop_seconds[-1]
             await node.start()
@@ -71,6 +73,8 @@ async def rolling(stage: Stage) -> None:
     stops = [s for node in stage.cluster.nodes for s in node.process.stop_seconds]
     stage.row("SIGTERM → ended", spread(stops))
     stage.row(f"steps more than 0.5 s late in {time.monotonic() - begun:.0f} s", spread(seconds))
+    shares = f"{100 * median(waits):.0f} % of their time, at most {100 * max(waits):.0f} %"
+    stage.row("nodes without a core", shares)
     worst = [one for one in late if one.seconds >= LATE_SECONDS]
     if worst and plan.timed:
         text = ", ".join(f"{one.who} {one.seconds:.2f} s" for one in worst[:8])
