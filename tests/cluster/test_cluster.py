@@ -506,6 +506,23 @@ class TestHandOver:
             assert max(after - before for before, after in pairwise(times)) < 0.8 + 0.2
 
     @virtual
+    async def test_a_step_may_come_when_its_node_has_just_stopped_waiting_for_it(
+        self, tmp_path: Path
+    ) -> None:
+        async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+            created = await ada.create("training/01", clock="realtime", step_rate=1.25)
+            game = await ada.join(created.code)
+            await until(game, 3)
+            owner = nodes.owner(created.episode)
+            leaving = asyncio.create_task(owner.leave())
+            room = owner.server.lobby.rooms[created.episode]
+            await asyncio.sleep(0.4)
+            leaving.cancel()
+            room.driver.apply(lambda now: room.episode.tick(now + 0.8))
+            await until(game, 6)
+            assert not game.ended
+
+    @virtual
     async def test_who_acts_while_an_episode_is_handed_over_leaves_the_old_node_at_once(
         self, tmp_path: Path
     ) -> None:

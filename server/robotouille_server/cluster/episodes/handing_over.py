@@ -87,13 +87,14 @@ class HandingOver:
         self._node = node
         self._limit = asyncio.Semaphore(AT_A_TIME)
         self._pausing = asyncio.Semaphore(PAUSED_AT_A_TIME)
-        self._stepping: dict[str, asyncio.Future[None]] = {}
+        # Events and not futures: a step may come when the wait for it has just ended.
+        self._stepping: dict[str, asyncio.Event] = {}
 
     def published(self, room: Room, events: Iterable[Event]) -> None:
         """Notice that an episode has taken a step."""
         taken = self._stepping.get(room.id)
         if taken is not None and any(isinstance(event, Stepped) for event in events):
-            self._stepping.pop(room.id).set_result(None)
+            taken.set()
 
     async def hand_over(self, rooms: Iterable[Room]) -> None:
         """Hand episodes over to the least loaded nodes."""
@@ -142,9 +143,10 @@ class HandingOver:
         """
         if not (room.episode.running and room.episode.rules.scheduled):
             return
-        taken = self._stepping[room.id] = asyncio.get_running_loop().create_future()
+        taken = self._stepping[room.id] = asyncio.Event()
         try:
-            async with asyncio.timeout(STEP_SECONDS):
-                await taken
-        except TimeoutError:
-            self._stepping.pop(room.id, None)
+            with suppress(TimeoutError):
+                async with asyncio.timeout(STEP_SECONDS):
+                    await taken.wait()
+        finally:
+            del self._stepping[room.id]
