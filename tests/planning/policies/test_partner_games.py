@@ -10,7 +10,7 @@ from robotouille.planning.policies.deferral import after_possible
 from robotouille.planning.policies.policy import Did
 from robotouille.planning.policies.standing import seat_out_of_the_way
 from tests.programs.bot_work import CAREFUL, STANDSTILL, Kitchen, standstills
-from tests.programs.partner_games import planned_length
+from tests.programs.partner_games import Setting, planned_length, play
 from tests.support.samples import quick_sample
 from tests.support.team_games import TeamGame
 
@@ -71,3 +71,20 @@ def test_kitchen_cut_off_by_a_person_has_no_plan(task: str, seats: int) -> None:
     assert found.plan is None
     # The person has only to step aside.
     assert planned_length(f"multi_agent/{task}", seats, bots, "partner", 0) > 0
+
+
+STOOD = [
+    ("08", 3, "wandering"),
+    ("07", 3, "blocking"),
+    ("07", 4, "blocking"),
+    ("02", 4, "hoarding"),
+    ("10", 4, "idle"),
+]
+"""Games in which bots once stood for ten seconds or more although they had useful work."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("task", "seats", "who"), quick_sample(STOOD, 2, nightly=4))
+def test_bots_with_work_do_not_stand_still(task: str, seats: int, who: str) -> None:
+    report = play(Setting(f"multi_agent/{task}", seats, who, "partner", seed=0))
+    assert not report.fault, report

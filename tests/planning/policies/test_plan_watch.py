@@ -14,6 +14,7 @@ from robotouille.planning.policies.plan_watch import (
     KEEP,
     PATIENCE,
     SLOW,
+    UNUSED,
     PastStep,
     PlanBase,
     PlanVerdict,
@@ -201,6 +202,38 @@ def test_waiting_bots_try_each_assumption(among_bots: bool, in_vain: int) -> Non
     assert not watched.watch.is_stuck
     assert watched.check() == (DROP if among_bots and not in_vain else KEEP)
     assert watched.watch.is_stuck
+
+
+def test_pauses_before_further_attempts_become_longer() -> None:
+    teammates = ONE._replace(among_bots=True)
+    watched = Watched([TO_LETTUCE], teammates, Assumption.EVERYBODY, in_vain=len(WAYS) + 1)
+    assert {watched.check() for _ in range(2 * LONG)} == {KEEP}
+    assert watched.check() == DROP
+
+
+def test_idle_steps_of_a_member_count_under_several_plans() -> None:
+    state = World("multi_agent/01@3").initial
+    team = ("robot1", "robot2")
+    teammates = Teammates(team, ("robot3",), hurried=True)
+    walk = next(each for each in state.actions("robot1") if each.destination)
+    plan = Plan(((walk,),))
+
+    def watch(idle: dict[str, int]) -> PlanWatch:
+        return PlanWatch(
+            TeamPlan(plan, state, Assumption.TEAM),
+            Script("robot1", plan, state),
+            PlanBase(0, state, 0, idle),
+            retry=RETRY,
+            in_vain={},
+            is_cut_off=lambda *_: False,
+        )
+
+    first = watch({})
+    for step in range(1, 11):
+        assert not first.check(PastStep(step, state, []), teammates).unused
+    assert first.idle == dict.fromkeys(team, 10)
+    second = watch(dict.fromkeys(team, UNUSED - 1))
+    assert second.check(PastStep(11, state, []), teammates).unused
 
 
 def planned(task: str, person: str) -> tuple[Plan, State, State, list[str]]:

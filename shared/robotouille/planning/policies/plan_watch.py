@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 from robotouille.planning.policies.policy import Did, Script, does_something
@@ -81,11 +82,15 @@ class Teammates(NamedTuple):
 
 
 class PlanBase(NamedTuple):
-    """Point from which a plan is needed: step, state, and players outside the team."""
+    """Point from which a plan is needed: step, state, and facts about players outside the team.
+
+    `idle` is the number of steps for which each member has done nothing under the last plan.
+    """
 
     step: int
     state: State
     others: int
+    idle: Mapping[str, int] = MappingProxyType({})
 
 
 class PlanVerdict(NamedTuple):
@@ -137,7 +142,7 @@ class PlanWatch:
         self._patience = PATIENCE * len(base.state.world.players)
         self._meddled = False
         self._stuck = self._blocked = 0
-        self._unused: dict[str, int] = {}
+        self.idle = dict(base.idle)
 
     @property
     def is_stuck(self) -> bool:
@@ -148,6 +153,10 @@ class PlanWatch:
         """Process a past step. Called once for each step after the base, in order."""
         team, others = teammates.team, teammates.others
         self._meddled = self._meddled or past.is_meddling(team)
+        acted = {p for p, action, ok in past.did if ok and does_something(action)}
+        for player in team:
+            idle = player not in acted and not past.state.busy_steps(player)
+            self.idle[player] = self.idle.get(player, 0) + 1 if idle else 0
         # In real time, bots walk for reasons that are in no plan.
         anywhere = others or teammates.hurried
         self.script.observe(past.did, past.state.world.players if anywhere else ())
@@ -175,7 +184,7 @@ class PlanWatch:
         if (blocked and past.is_meddling(team)) or self._blocked > self._patience:
             return DROP
         if not self.is_stuck:
-            return PlanVerdict(unused=self._leaves_unused(past, teammates))
+            return PlanVerdict(unused=self._leaves_unused(teammates))
         # Members whose next action is possible but not taken are late; blocked ones are not to
         # blame. A bot that takes its time knows that it follows the plan.
         late = {p for p, a in due.items() if a and p not in blocked}
@@ -191,11 +200,12 @@ class PlanWatch:
         self._count_standstill(past, teammates.team)
         # Two teams of bots that each wait for the other would wait forever, and a person may never
         # help. So a stuck team also tries the other assumption, and returns to the first one, whose
-        # requests are the more likely ones.
-        untried = self._in_vain.get(situation(state), 0) <= len(WAYS)
-        tried = self._patience if teammates.among_bots else LONG
+        # requests are the more likely ones. Each further attempt from the same situation searches
+        # differently, after twice the pause.
+        again = max(0, self._in_vain.get(situation(state), 0) - len(WAYS))
+        patience = (self._patience if teammates.among_bots else LONG) << again
         due = past.step - self.base.step >= self._retry
-        if (due and self._may_see_a_way(state, teammates)) or (untried and self._stuck > tried):
+        if (due and self._may_see_a_way(state, teammates)) or self._stuck > patience:
             return DROP
         # Meddling may have changed what the plan needs, so a free way is not enough.
         if self.assumption is not Assumption.OTHERS_ASIDE or self._meddled:
@@ -212,14 +222,11 @@ class PlanWatch:
         goes_on = past.has_acted(team) or past.is_running(team)
         self._stuck = 0 if goes_on else self._stuck + 1
 
-    def _leaves_unused(self, past: PastStep, teammates: Teammates) -> bool:
+    def _leaves_unused(self, teammates: Teammates) -> bool:
         """Return whether a member of a team next to others has done nothing for some time."""
-        acted = {p for p, action, ok in past.did if ok and does_something(action)}
-        for player in teammates.team:
-            idle = player not in acted and not past.state.busy_steps(player)
-            self._unused[player] = self._unused.get(player, 0) + 1 if idle else 0
         apart = teammates.hurried and teammates.others and len(teammates.team) > 1
-        return bool(apart) and UNUSED in self._unused.values()
+        idle = [self.idle[player] for player in teammates.team]
+        return bool(apart) and any(steps and not steps % UNUSED for steps in idle)
 
     def _may_see_a_way(self, state: State, teammates: Teammates) -> bool:
         """Return whether a change may have opened a way, or closed the expected one."""

@@ -21,14 +21,14 @@ import logging
 import math
 import random
 from collections import deque
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from robotouille.domain.rendering import NO_WORDS, Language
 from robotouille.domain.task import Timing
 from robotouille.planning.plan import Plan, SearchResult
 from robotouille.planning.policies.agenda import Agenda, Aim, OneGoal
-from robotouille.planning.policies.aside import held_by, holds, put_down
+from robotouille.planning.policies.aside import after, held_by, holds, put_down
 from robotouille.planning.policies.conversation import Conversation
 from robotouille.planning.policies.courtesy import Courtesy
 from robotouille.planning.policies.deliberation import Deliberation
@@ -62,6 +62,7 @@ from robotouille.planning.policies.team_talk import VERSION, announced_version
 from robotouille.planning.solvers import AnytimePlanner
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.signals import Intent, Signal
+from robotouille.world.scene import scene
 from robotouille.world.world import State, World
 
 logger = logging.getLogger(__name__)
@@ -162,7 +163,7 @@ class PlannerPolicy:
         self._retry = RETRY
         self._unprocessed: deque[PastStep] = deque()
         self._worked: deque[tuple[int, str]] = deque(maxlen=MAX_WORKED)
-        # Objects that were laid down while waiting, and the facts about the outsiders then.
+        # Objects that were laid down while waiting, and the facts about the rest of the kitchen.
         self._laid_down: tuple[list[str], int] = [], 0
         self._step = self._waited = 0
         self._courtesy = Courtesy(player, self._step_aside)
@@ -313,8 +314,10 @@ class PlannerPolicy:
             self._unprocessed.clear()
         self._deliberation, self._rest = None, rest
         step, state = (self._step, self._state) if past is None else (past.step, past.state)
+        # Members who join know nothing of earlier steps, so only plans after a check count them.
+        idle = {} if past is None or self._watch is None else self._watch.idle
         if state is not None:
-            self._needed = PlanBase(step, state, facts_about(self._outsiders, state))
+            self._needed = PlanBase(step, state, facts_about(self._outsiders, state), idle)
         self._waited = 0
 
     def _observe_outdated(self, did: Did) -> None:
@@ -440,11 +443,17 @@ class PlannerPolicy:
 
     def _takes_back(self, script: Script, state: State) -> bool:
         """Return whether the seat would take what it had to lay down, though nothing changed."""
-        laid_down, others = self._laid_down
+        laid_down, elsewhere = self._laid_down
         action = script.non_move_action(self.player)
-        if action is None or facts_about(self._outsiders, state) != others:
+        if action is None or self._elsewhere(state, laid_down) != elsewhere:
             return False
         return not set(laid_down).isdisjoint(action.arguments)
+
+    def _elsewhere(self, state: State, objects: Sequence[str]) -> int:
+        """Return the facts about outsiders and items, without those about the team and objects."""
+        items = (name for name, placed in scene(state).items() if placed.host is not None)
+        others = facts_about((*self._outsiders, *items), state)
+        return others & ~facts_about((*self._team, *objects), state)
 
     def _act_meanwhile(self, state: State) -> GroundAction | None:
         """Return an action during planning: one of the last plan, or a walk out of the way."""
@@ -601,8 +610,8 @@ class PlannerPolicy:
         if self._hurried and self._waited >= UNBURDENED:
             # The next plan begins with other work, or takes the object again.
             for action in put_down(state, self.player)[:1]:
-                others = facts_about(self._outsiders, state)
-                self._laid_down = held_by(state, self.player), others
+                held = held_by(state, self.player)
+                self._laid_down = held, self._elsewhere(after(state, action), held)
                 return action
         walks = walks_out_of_the_way(state, self.player) if self._waited >= POLITE else []
         return self._random.choice(walks) if walks else None

@@ -454,8 +454,8 @@ class TeamDecision:
         if self._expects_help:
             ways.reverse()
         # After a failed plan the other assumption comes first, so that no team repeats the same
-        # mistake.
-        if self._tried % len(ways):
+        # mistake. Later attempts keep the first one and search differently.
+        if self._tried % len(ways) and self._tried <= len(ways):
             ways.reverse()
         return ways[0]() or ways[1]()
 
@@ -496,38 +496,51 @@ class TeamDecision:
         start = with_others_aside(here, [p for p in self._players if p not in self._team])
         if start == here or self._anytime.is_cut_off(start, self._team):
             return None
-        plan = self._deferred(start, here)
-        if plan is None:
-            return None
-        begins = can_begin(plan, start, here, self._team)
-        relieved = None if begins else self._relieved(start, here)
-        return TeamPlan(
-            relieved or plan,
-            start,
-            Assumption.OTHERS_ASIDE,
-            cut_off=self._cut_off,
-            can_begin=begins or relieved is not None,
-        )
+        found: TeamPlan | None = None
+        for plan, begins in self._plans_aside(start, here):
+            if begins or found is None:
+                found = TeamPlan(
+                    plan,
+                    start,
+                    Assumption.OTHERS_ASIDE,
+                    cut_off=self._cut_off,
+                    can_begin=begins,
+                )
+            if begins:
+                break
+        return found
 
-    def _deferred(self, start: State, here: State) -> Plan | None:
-        """Return a plan from a state with all work first that is possible in another one."""
-        plan = self._find(start, self._team).plan
-        if plan is None and self._effort.brief and len(self._team) > 1:
+    def _plans_aside(self, start: State, here: State) -> Iterator[tuple[Plan, bool]]:
+        """Yield plans for others who step aside, and whether each can begin before they do.
+
+        In the last plans, the players first put down what keeps them from other work.
+        """
+        teams = [self._team]
+        if self._effort.brief and len(self._team) > 1:
             # A search for one player has far fewer choices.
-            plan = self._find(start, (self._team[self._tried % len(self._team)],)).plan
-        return plan and defer_blocked(plan, start, here, self._team)
-
-    def _relieved(self, start: State, here: State) -> Plan | None:
-        """Return a plan whose players first put down what keeps them from other work, or None."""
+            turn = self._tried % len(self._team)
+            teams += [(player,) for player in self._team[turn:] + self._team[:turn]]
+        yield from self._deferred(start, here, teams)
         steps, start = self._emptied(start)
         for (action,) in steps:
             if not here.world.applicable(here, action):
-                return None
+                return
             here = after(here, action)
-        plan = self._deferred(start, here) if steps else None
-        if plan is None or not can_begin(plan, start, here, self._team):
-            return None
-        return Plan((*steps, *plan))
+        if steps:
+            for plan, begins in self._deferred(start, here, teams[::-1]):
+                yield Plan((*steps, *plan)), begins
+
+    def _deferred(
+        self, start: State, here: State, teams: Iterable[tuple[str, ...]]
+    ) -> Iterator[tuple[Plan, bool]]:
+        """Yield plans from a state with all work first that is possible in another one."""
+        for team in teams:
+            plan = self._find(start, team).plan
+            if plan is not None:
+                plan = defer_blocked(plan, start, here, self._team)
+                yield plan, can_begin(plan, start, here, self._team)
+            elif len(team) == 1:
+                return  # A failed search takes UNSOLVED_FACTOR times as long.
 
     def _find(self, state: State, team: tuple[str, ...], number: int = 0) -> SearchResult:
         """Return a search result for some players, within the limit of the decision.
