@@ -16,6 +16,7 @@ from robotouille_server.app import Surroundings
 from robotouille_server.auth.keys import FileKeyring, rotate
 from robotouille_server.auth.roles import Role
 from robotouille_server.auth.tokens import Tokens
+from robotouille_server.auth.visitors import PROBATION_FACTOR
 from robotouille_server.runtime.workers import WorkerSlot
 from tests.support.handshakes import (
     FORWARDED,
@@ -190,7 +191,10 @@ async def test_silent_connections_keep_nobody_out(tmp_path: Path) -> None:
         for _ in range(2):
             anonymous = await stack.enter_async_context(opened(server, **FORWARDED))
             assert (await hello(anonymous))["type"] == "welcome"
-        silent = [await stack.enter_async_context(opened(server, **FORWARDED)) for _ in "12"]
+        silent = [
+            await stack.enter_async_context(opened(server, **FORWARDED))
+            for _ in range(2 * PROBATION_FACTOR)
+        ]
         holders = []
         for _ in range(2):
             holders.append(await stack.enter_async_context(opened(server, **FORWARDED)))
