@@ -12,6 +12,7 @@ from tests.support.samples import quick_sample
 from tests.support.window_play import world_of
 
 from robotouille import World, task_names
+from robotouille.world.scene import scene
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.window_layout import UiOverlay, layout
 from robotouille_client.window.view import Bubble, FarewellView, PauseView, SeatView, View
@@ -75,6 +76,25 @@ def test_losing_does_not_look_like_winning() -> None:
     view = full_view(world_of("multi_agent/01"), 3)
     ended = dataclasses.replace(view, outcome="Over")
     assert picture(dataclasses.replace(ended, won=True)) != picture(ended)
+
+
+@pytest.mark.parametrize("name", ["multi_agent/01", "synchronous/01"])
+def test_the_outcome_covers_neither_players_nor_dishes(name: str) -> None:
+    view = full_view(world_of(name), 3)
+    view = dataclasses.replace(view, bubbles=(), won=True, seats=(), phase=1.0)
+    ended = dataclasses.replace(view, outcome="Goal reached in 21 steps")
+    size, shown = (1280, 720), []
+    for each in (view, ended):
+        surface = pygame.Surface(size)
+        Painter().paint(surface, each)
+        shown.append(surface)
+    place, placed = layout(size, *_floor(view.world)), scene(view.state)
+    laid = {each.host for each in placed.values() if each.host in view.world.floor.stations}
+    seen = [each.tile for name, each in placed.items() if name in {*view.world.players, *laid}]
+    for tile in filter(None, seen):
+        before, after = (pygame.image.tobytes(s.subsurface(place.cell(tile)), "RGB") for s in shown)
+        assert before == after
+    assert pygame.image.tobytes(shown[0], "RGB") != pygame.image.tobytes(shown[1], "RGB")
 
 
 def test_the_length_of_a_lost_connection_is_shown() -> None:

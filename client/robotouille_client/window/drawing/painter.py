@@ -136,7 +136,7 @@ class Painter:
             blocked=[
                 *occupied(place, stage, poses), *signs, *cards,
                 *ways(stage, frame.spots, frame.earlier, frame.animation.travels),
-                *self._notices.reserved(place, view, ui_overlay),
+                *self._notices.reserved(place, view, ui_overlay, ground),
                 *([] if choices is None else [choices]),
             ],
             avoided=_cells(place, stage),
@@ -147,7 +147,7 @@ class Painter:
         if self._strip is not None:
             self._strip.draw(surface, place.strip, self._text, place.text, view)
         self._key_strip.draw(surface, place, ui_overlay, choices)
-        self._notices.draw(surface, place, view, ui_overlay)
+        self._notices.draw(surface, place, view, ui_overlay, ground)
         self._earnings.follow(place, view)
         self._earnings.pops.draw(surface, view.seconds)
 

@@ -231,42 +231,52 @@ class Notices:
         self._text = text
 
     def draw(
-        self, target: pygame.Surface, layout: Layout, view: View, ui_overlay: UiOverlay
+        self,
+        target: pygame.Surface,
+        layout: Layout,
+        view: View,
+        ui_overlay: UiOverlay,
+        ground: Ground = Ground(),
     ) -> None:
         """Draw the notices of a view."""
         if view.outcome:
-            self._outcome(target, layout, view.outcome, won=view.won)
+            self._outcome(target, layout, view, ground)
         if ui_overlay.typing is not None:
             self._typing(target, layout, ui_overlay.typing)
         if ui_overlay.help:
             self._help(target, layout, ui_overlay.help)
 
-    def reserved(self, layout: Layout, view: View, ui_overlay: UiOverlay) -> list[pygame.Rect]:
+    def reserved(
+        self, layout: Layout, view: View, ui_overlay: UiOverlay, ground: Ground
+    ) -> list[pygame.Rect]:
         """Return the areas of the outcome and the chat line."""
         areas = [self._typing_area(layout)] if ui_overlay.typing is not None else []
         if view.outcome:
-            areas.append(self._band(layout, self._lines(layout, view.outcome)))
+            areas.append(self._band(layout, self._lines(layout, view.outcome), ground))
         return areas
 
     def _lines(self, layout: Layout, outcome: str) -> tuple[str, ...]:
         size = _large(layout)
         return self._text.wrap(outcome, size, layout.kitchen.width - size * 5, 3)
 
-    def _band(self, layout: Layout, lines: tuple[str, ...]) -> pygame.Rect:
+    def _band(self, layout: Layout, lines: tuple[str, ...], ground: Ground) -> pygame.Rect:
+        """Return the place across the kitchen that covers least: players and dishes are to be seen.
+
+        Among equal places, the highest one is taken.
+        """
         size, kitchen = _large(layout), layout.kitchen
         high = self._text.height(size) * len(lines) + size * 2
-        band = pygame.Rect(kitchen.x - 6, 0, kitchen.width + 12, high)
-        band.centery = kitchen.centery
-        return band
+        band = pygame.Rect(kitchen.x - 6, max(0, kitchen.y), kitchen.width + 12, high)
+        tops = range(band.y, max(band.y, layout.strip.top - high) + 1, max(1, size // 2))
+        # The ribbon's shadow is 8 pixels high.
+        places = (band.move(0, top - band.y) for top in tops)
+        return min(places, key=lambda place: ground.covered(place.inflate(0, 16)))
 
-    def _outcome(self, target: pygame.Surface, layout: Layout, outcome: str, *, won: bool) -> None:
+    def _outcome(self, target: pygame.Surface, layout: Layout, view: View, ground: Ground) -> None:
         """Draw a ribbon across the kitchen: gold with a star if the goal was reached, else grey."""
-        fill, sign = (ACCENT, "goal") if won else (FAINT, "rejected")
-        size, kitchen = _large(layout), layout.kitchen
-        lines = self._lines(layout, outcome)
-        band, step = self._band(layout, lines), self._text.height(size)
-        shade = box((kitchen.width, kitchen.height), (*INK, 90), 0)
-        target.blit(shade, kitchen)
+        fill, sign = (ACCENT, "goal") if view.won else (FAINT, "rejected")
+        size, lines = _large(layout), self._lines(layout, view.outcome)
+        band, step = self._band(layout, lines, ground), self._text.height(size)
         target.blit(box((band.width, band.height + 8), mixed(fill, INK, 0.45), 10), band)
         target.blit(box(band.size, fill, 10), band)
         edge = band.inflate(-10, -10)
