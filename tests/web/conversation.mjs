@@ -4,6 +4,7 @@ import { createInterface } from "node:readline";
 
 const PLAY = new URL("../../shared/robotouille/web/static/play/", import.meta.url);
 const load = (name) => import(new URL(`${name}.js`, PLAY).href);
+const { atomName } = await load("../rules/task");
 
 let time = 0;
 let sent = [];
@@ -77,7 +78,7 @@ for await (const line of createInterface({ input: process.stdin })) {
   const { state, step, phase, seq, sent: last, outcome, seats } = game;
   const copy = {
     step, phase, seq, outcome, unanswered: last?.seq ?? null,
-    facts: state ? state.names().sort() : null, seats: seats.map(({ name }) => name),
+    facts: state ? state.atoms().map(atomName).sort() : null, seats: seats.map(({ name }) => name),
   };
   console.log(JSON.stringify({ sent, answers, chat, game: copy, url }));
   sent = [];

@@ -179,6 +179,7 @@ class _Answers:
             "things": lambda: [wording.thing(name, state) for name in told],
             "places": lambda: wording.places(state),
             "general": lambda: [wording.in_general(schema) for schema in self._world.schemas],
+            "purposes": lambda: list(map(list, wording.purposes())),
             "goal": lambda: list(self._world.goal.holding(state.facts)),
         }
         found: dict[str, Any] = {"me": me, "names": names}
@@ -215,7 +216,6 @@ class _Answers:
             "action": [action.name, *action.arguments],
             "unmet": [{**why_row(each), "words": each.words} for each in unmet],
             "reasons": [wording.reason(each, state) for each in unmet],
-            "rejection": wording.rejection(action.sentence, action.player or "", unmet, state),
             "free": [occupancy.needed_free(each) for each in unmet],
         }
 

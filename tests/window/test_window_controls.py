@@ -139,6 +139,46 @@ def test_impossible_input_is_tried_or_explained(
         assert world.unmet(state, found.action)
 
 
+@pytest.mark.parametrize(
+    ("lines", "what", "advice"),
+    [
+        (ONION, "stove1", "needs a board"),
+        (["move table11", "pick-up-item", "move board1"], "board1", "the chicken cannot be cut"),
+        (["move table2", "pick-up-container", "move stove1"], "stove1", "fill the pot with water"),
+        (
+            [*CHICKEN, *["cook", *"-" * 3], "pick-up-item"],
+            "stove1",
+            "nothing to do with the cooked chicken here",
+        ),
+    ],
+)
+def test_the_use_key_puts_nothing_where_it_is_of_no_use(
+    play, lines: list[str], what: str, advice: str
+) -> None:
+    world = World("asynchronous/09")
+    state = play(world, *lines)[-1]
+    controls = Controls(world)
+    for found in (use(controls, state, "robot1"), use(controls, state, "robot1", "e")):
+        assert found.action is None
+        assert advice in found.hint.lower()
+    assert controls.click(state, "robot1", what).valid
+    rows = InputController(KeyMap(), lambda: 0.0).hints(controls, state, "robot1")
+    assert [key for key, _ in rows] == ["", "Click"]
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [CHICKEN[:3], POT[:3], FULL[:-1], TOMATO[:3], [*CHICKEN[:2], "move table3"]],
+)
+def test_the_use_key_puts_things_where_they_are_worked_on_and_on_tables(
+    play, lines: list[str]
+) -> None:
+    state = play(World("asynchronous/09"), *lines)[-1]
+    found = use(Controls(state.world), state, "robot1", "e")
+    assert found.valid
+    assert found.action is not None
+
+
 def test_a_key_falls_back_to_the_click(play) -> None:
     world = World("asynchronous/09")
     for lines, name in ((CHICKEN[:3], "place-item"), (["move table9"], "pick-up-item")):

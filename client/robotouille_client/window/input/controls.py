@@ -63,7 +63,8 @@ class Controls:
 
     The input file's binding of a click or key comes first. If that action is not valid or changes
     nothing, a click on the player's own station stands for a key's action there, and a key stands
-    for a click's action. `names` are the participants' names by player.
+    for a click's action that makes sense (`sensible`). `names` are the participants' names by
+    player.
     """
 
     def __init__(
@@ -118,7 +119,41 @@ class Controls:
         here = [situation.at, *things_upon(situation.at, situation.placed)] if situation.at else []
         at_a_place = any(binding.parameter for binding in own)
         others = self._clicks.get("left", []) if at_a_place and here else []
-        return self._resolve(situation, own, others, here)
+        return self.sensible(state, me, self._resolve(situation, own, others, here))
+
+    def sensible(self, state: State, me: str, resolved: ResolvedInput) -> ResolvedInput:
+        """Return what a key does: nothing if it would put an object where nothing can be done.
+
+        Players who press a key at a stove want to cook. A click puts objects down anywhere.
+        """
+        action = resolved.action if resolved.valid else None
+        vain = "" if action is None else self._vain(state, me, action)
+        return ResolvedInput(None, vain, advice=True) if vain else resolved
+
+    def _vain(self, state: State, me: str, action: GroundAction) -> str:
+        """Return why a station for work is of no use for what an action puts there, or ""."""
+        before = Situation(state, me, scene(state))
+        station, works = before.at, self._keys_at_a_place()
+        if action.effects or station is None or not before.held:
+            return ""
+        if things_upon(station, before.placed):
+            return ""
+        misses = NearMisses(self.world, self.wording(me))
+        if not any(misses.is_for(each, station) for each in works):
+            return ""
+        after = State(self.world, _facts_after(state, action), state.timers, state.orders)
+        then = Situation(after, me, scene(after))
+        if then.held or self.options(after, me) or misses.serves_goal(action, station):
+            return ""
+        here = [station, *things_upon(station, then.placed)]
+        # Work that was interrupted at this station goes on.
+        work = work_in_progress(self.world.successor(state, action))
+        if any(row.subject in here and station in row.arguments for row in work):
+            return ""
+        miss = misses.nearest(then, works, here, at_work=False)
+        thing, *_ = things_upon(me, before.placed)
+        vain = f"Nothing to do with {self.wording(me).thing(thing, state)} here"
+        return miss.words if miss.advice else vain
 
     def options(self, state: State, me: str) -> tuple[Option, ...]:
         """Return the keys whose own action at this station is valid and useful now."""
@@ -372,7 +407,7 @@ def use(controls: Controls, state: State, me: str, key: str = "") -> ResolvedInp
     if clicked.valid and clicked.action and ends_work(state, clicked.action):
         return ResolvedInput(None, WAIT)
     if clicked.action is not None or own is None or own.action is None:
-        return clicked
+        return controls.sensible(state, me, clicked)
     return own
 
 

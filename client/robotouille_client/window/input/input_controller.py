@@ -173,13 +173,13 @@ class InputController:
             found.append((self.keys.words(Command.USE), resolved.hint))
         if not found and resolved.hint == WAIT:
             found.append((self.keys.words(Command.USE), "Wait until it is done"))
+        if not found and (resolved.action is not None or resolved.advice):
+            key = self.keys.words(Command.USE) if resolved.action is not None else ""
+            found.append((key, resolved.hint))
         here = scene(state)[me].at
         clicked = controls.click(state, me, here) if here else resolved
         if clicked.valid and clicked.action != resolved.action:
             found.append(("Click", hint_words(clicked, state)))
-        if not found and (resolved.action is not None or resolved.advice):
-            key = self.keys.words(Command.USE) if resolved.action is not None else ""
-            found.append((key, resolved.hint))
         return tuple(found)
 
 

@@ -117,14 +117,14 @@ class NearMisses:
             return NearMiss(None, self._words.language.work.under_way)
         there = [name for name in meant[:1] if name != situation.me]
         if len(meant) == 1 and not situation.held and meant[0] == situation.at:
-            schemas = [each.schema for each in bindings if self._is_for(each, meant[0])]
+            schemas = [each.schema for each in bindings if self.is_for(each, meant[0])]
             if words := self._words.here(schemas):
                 return NearMiss(None, capitalised(words))
         where = self._words.thing(there[0], situation.state) if there else ""
         words = f"nothing to do at {where}" if where else "nothing to do here"
         return NearMiss(None, words, advice=False)
 
-    def _is_for(self, binding: InputBinding, station: str) -> bool:
+    def is_for(self, binding: InputBinding, station: str) -> bool:
         """Return whether an action needs such a station, and objects that exist in this task."""
         table, schema = self._world.table, binding.schema
         needs = [e for e in schema.definition.precons if e.predicate in table.static_predicates]
@@ -254,10 +254,19 @@ class NearMisses:
                     return self._words.first(work, state)
         return ""
 
-    def _leads_on(self, schema: ActionSchema, known: Mapping[str, str | None]) -> bool:
+    def serves_goal(self, action: GroundAction, station: str) -> bool:
+        """Return whether an action achieves a goal term about such a station."""
+        return self._leads_on(action.schema, action.schema.bind(action.arguments), station)
+
+    def _leads_on(
+        self, schema: ActionSchema, known: Mapping[str, str | None], about: str | None = None
+    ) -> bool:
         """Return whether an action achieves a goal term for objects of these kinds.
 
         A missing object, None in `known`, may be of any kind.
+
+        Args:
+            about: Object that the term must be about.
         """
         kinds = {n: None if name is None else self._world.thing(name).kind
                  for n, name in known.items()}  # fmt: skip
@@ -267,7 +276,7 @@ class NearMisses:
                 kinds[n] in (None, kind) for n, kind in zip(fact.params, term.args, strict=True)
             )
             for fact in schema.definition.immediate_fx
-            if fact.is_true
+            if fact.is_true and (about is None or about in map(known.get, fact.params))
             for term in self._world.goal.terms
         )
 

@@ -3,7 +3,8 @@
  * A port of `window/pictures/appearance.py` and of the parts of rendering files that it needs.
  */
 
-import { append, scene } from "../rules/scene.js";
+import { scene } from "../rules/scene.js";
+import { append } from "../rules/task.js";
 
 /** @typedef {import("../rules/task.js").Task} Task */
 /** @typedef {import("../rules/task.js").Thing} Thing */
@@ -500,9 +501,8 @@ function contentsOf(name, placed, inside) {
   // Objects are followed once each, so that cyclic relations of a custom domain end.
   const seen = new Set(pending);
   for (let current = pending.pop(); current !== undefined; current = pending.pop()) {
-    const more = (placed.get(current)?.contents ?? []).filter(
-      (other) => placed.has(other) && !found.has(other),
-    );
+    const own = placed.get(current)?.contents ?? [];
+    const more = own.filter((other) => placed.has(other) && !found.has(other));
     for (const other of more) found.add(other);
     for (const other of [...(inside.get(current) ?? []).map((each) => each.thing.name), ...more]) {
       if (!seen.has(other)) pending.push(other);

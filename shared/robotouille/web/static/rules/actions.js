@@ -221,10 +221,8 @@ export function changes(state, action) {
   const atoms = (/** @type {boolean} */ wanted) =>
     results.filter((each) => each.is_true === wanted).map((each) => bound(each, binding));
   const names = new Set(atoms(true).map(atomName));
-  const holds = (/** @type {import("./task.js").Atom} */ [predicate, ...args]) =>
-    state.holds(predicate, ...args);
   return {
-    added: atoms(true).filter((atom) => !holds(atom)),
-    removed: atoms(false).filter((atom) => holds(atom) && !names.has(atomName(atom))),
+    added: atoms(true).filter((atom) => !state.holds(...atom)),
+    removed: atoms(false).filter((atom) => state.holds(...atom) && !names.has(atomName(atom))),
   };
 }

@@ -14,7 +14,7 @@
  * @typedef {{key: string, action: Action}} Option Key, and the action it stands for now.
  */
 import { bindingOf, changes, validActions } from "./actions.js";
-import { labelsOf } from "./effects.js";
+import { labelsOf, Stepped } from "./effects.js";
 import { readLanguage } from "./language.js";
 import { NearMisses, situationOf, thingsUpon } from "./near_misses.js";
 import { scene } from "./scene.js";
@@ -33,7 +33,7 @@ const ASIDE = 2;
  *
  * The input file's binding of a click or key comes first. If that action is not valid or changes
  * nothing, a click on the player's own station stands for a key's action there, and a key stands
- * for a click's action.
+ * for a click's action that makes sense.
  */
 export class Controls {
   /**
@@ -91,8 +91,7 @@ export class Controls {
     const situation = situationOf(state, me);
     const own = this._clicks.get(button) ?? [];
     // Players who click where they stand do not want to walk there.
-    const keys = own.length && target === situation.at ? [...this._keys.values()].flat() : [];
-    const others = keys.filter(({ parameter }) => parameter);
+    const others = own.length && target === situation.at ? this._keysAtAPlace() : [];
     const there = [target, ...thingsUpon(target, situation.placed)];
     // A key that is pressed once too often must do nothing else. A click has other actions.
     return this._resolve(situation, own, others, there, false);
@@ -108,7 +107,47 @@ export class Controls {
     const own = this._keys.get(key.toLowerCase()) ?? [];
     const here = at ? [at, ...thingsUpon(at, placed)] : [];
     const atPlace = own.some(({ parameter }) => parameter) && here.length;
-    return this._resolve(situation, own, (atPlace && this._clicks.get("left")) || [], here);
+    const others = (atPlace && this._clicks.get("left")) || [];
+    return this._sensible(state, me, this._resolve(situation, own, others, here));
+  }
+
+  _keysAtAPlace() {
+    return [...this._keys.values()].flat().filter(({ parameter }) => parameter);
+  }
+
+  /**
+   * Return what a key does: nothing if it would put an object where nothing can be done. Players
+   * who press a key at a stove want to cook. A click puts objects down anywhere.
+   * @param {State} state @param {string} me @param {Resolved} resolved
+   */
+  _sensible(state, me, resolved) {
+    const { action, valid } = resolved;
+    const vain = valid && action ? this._vain(state, me, action) : "";
+    return vain ? { ...nothing(vain), advice: true } : resolved;
+  }
+
+  /**
+   * Return why a station for work is of no use for what an action puts there, or "".
+   * @param {State} state @param {string} me @param {Action} action
+   */
+  _vain(state, me, action) {
+    const { at, held, placed } = situationOf(state, me);
+    if (labelsOf(action).length || at === null || !held.size || thingsUpon(at, placed).length) {
+      return "";
+    }
+    const [misses, works] = [new NearMisses(this.wording(me)), this._keysAtAPlace()];
+    if (!works.some((each) => misses.isFor(each, at))) return "";
+    const after = state.changed(changes(state, action));
+    const then = situationOf(after, me);
+    const wanted = misses.leadsOn(action.schema, bindingOf(action), state, at);
+    const here = [at, ...thingsUpon(at, then.placed)];
+    // Work that was interrupted at this station goes on.
+    const work = workInProgress(new Stepped(state, action));
+    const resumes = work.some((row) => here.includes(row.subject) && row.arguments.includes(at));
+    if (wanted || resumes || then.held.size || this.options(after, me).length) return "";
+    const { advice, words } = misses.nearest(then, works, here, false);
+    const [thing] = thingsUpon(me, placed);
+    return advice ? words : `Nothing to do with ${this.wording(me).thing(thing, state)} here`;
   }
 
   /**
@@ -165,7 +204,7 @@ export class Controls {
     if (here === null) return own ?? nothing("nothing to do here");
     const clicked = this.click(state, me, here);
     if (clicked.valid && clicked.action && endsWork(state, clicked.action)) return nothing(WAIT);
-    return clicked.action || !own?.action ? clicked : own;
+    return clicked.action || !own?.action ? this._sensible(state, me, clicked) : own;
   }
 
   /**
@@ -209,13 +248,13 @@ export class Controls {
     const { action } = resolved;
     if (resolved.valid && action && !done.has(action.key)) found.push([useKey, resolved.hint]);
     if (!found.length && resolved.hint === WAIT) found.push([useKey, "Wait until it is done"]);
+    if (!found.length && (action || resolved.advice)) {
+      found.push([action ? useKey : "", resolved.hint]);
+    }
     const here = scene(state).get(me)?.at;
     const clicked = here ? this.click(state, me, here) : resolved;
     if (clicked.valid && clicked.action?.key !== action?.key) {
       found.push(["Click", this.hintWords(clicked, state)]);
-    }
-    if (!found.length && (action || resolved.advice)) {
-      found.push([action ? useKey : "", resolved.hint]);
     }
     return found;
   }

@@ -25,6 +25,7 @@
  *   timed: boolean, running: boolean,
  * }} Progress
  */
+import { bindingOf } from "./actions.js";
 import { atomName, bound, isInstant, own } from "./task.js";
 
 const [PAUSED, HOLDING, DONE] = [0, 1, -1];
@@ -66,10 +67,6 @@ function nodeOf(definition, binding, task, kindOf, nodes) {
   const { type, param, conditions, fx, sfx, created } = definition;
   const counts = type === "delayed" ? "steps" : type === "repetitive" ? "performances" : "";
   const subject = binding.get(param) ?? param;
-  const literal = (/** @type {import("./task.js").Condition} */ each) => ({
-    atom: bound(each, binding),
-    expected: each.is_true,
-  });
   /** @type {Node} */
   const node = {
     type,
@@ -77,9 +74,9 @@ function nodeOf(definition, binding, task, kindOf, nodes) {
     slot: nodes.length,
     subject,
     total: counts ? total(definition, counts, subject, task, kindOf) : 0,
-    conditions: conditions.map(literal),
+    conditions: literals(conditions, binding),
     // A creation's results mention an object that has no name before the creation happens.
-    fx: created ? [] : fx.map(literal),
+    fx: created ? [] : literals(fx, binding),
     nested: [],
     definition,
     binding,
@@ -90,6 +87,14 @@ function nodeOf(definition, binding, task, kindOf, nodes) {
   }
   return node;
 }
+
+/**
+ * Return conditions or results about the objects of a binding.
+ * @param {import("./task.js").Condition[]} all @param {Map<string, string>} binding
+ * @returns {Literal[]}
+ */
+const literals = (all, binding) =>
+  all.map((each) => ({ atom: bound(each, binding), expected: each.is_true }));
 
 /**
  * Return the number of updates after which a counting effect takes place.
@@ -109,9 +114,10 @@ function total(definition, counts, subject, task, kindOf) {
  * Return the labels of the effects that an action starts.
  * @param {import("./actions.js").Action} action
  */
-export function labelsOf({ args, schema }) {
-  const binding = new Map(schema.parameters.map(([name], i) => [name, args[i]]));
-  return schema.effects.slice(0, schema.started).map((_, i) => labelOf(schema, i, binding));
+export function labelsOf(action) {
+  const { schema } = action;
+  const started = schema.effects.slice(0, schema.started);
+  return started.map((_, i) => labelOf(schema, i, bindingOf(action)));
 }
 
 /**
@@ -166,9 +172,7 @@ export class Stepped {
     /** @type {string[]} */
     this._started = [];
     if (action) {
-      const binding = new Map(action.schema.parameters.map(([name], i) => [name, action.args[i]]));
-      const results = action.schema.definition.immediate_fx;
-      this._write(results.map((each) => ({ atom: bound(each, binding), expected: each.is_true })));
+      this._write(literals(action.schema.definition.immediate_fx, bindingOf(action)));
       for (const label of labelsOf(action)) this._update(label, true);
       this._settle();
     }
@@ -242,7 +246,7 @@ export class Stepped {
   _advance(node, counters, active) {
     if (isInstant(node)) return this._instant(node);
     if (node.type === "conditional") {
-      if (!node.conditions.every(({ atom, expected }) => this._holds(atom) === expected)) {
+      if (!node.conditions.every(({ atom, expected }) => this.holds(...atom) === expected)) {
         if (counters[node.slot] === HOLDING) {
           counters[node.slot] = PAUSED;
           this._write(node.fx.map(({ atom, expected }) => ({ atom, expected: !expected })));
@@ -262,11 +266,6 @@ export class Stepped {
     return node.nested.map((each) => this._updateNode(each, counters, active)).every(Boolean);
   }
 
-  /** @param {Atom} atom */
-  _holds([predicate, ...names]) {
-    return this.holds(predicate, ...names);
-  }
-
   /** @param {Node} node */
   _instant({ definition, binding, fx, subject }) {
     const { created, sfx } = definition;
@@ -274,9 +273,7 @@ export class Stepped {
     if (created) {
       // The name is the server's choice, and the question does not depend on it.
       names = new Map(binding).set(created.param, `${created.name}*`);
-      this._write(
-        definition.fx.map((each) => ({ atom: bound(each, names), expected: each.is_true })),
-      );
+      this._write(literals(definition.fx, names));
     } else {
       this._write(fx);
       this._deleted.add(subject);

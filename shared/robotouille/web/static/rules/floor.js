@@ -15,11 +15,10 @@ const key = ([x, y]) => x * COLUMN + y;
 
 export class Floor {
   /**
-   * @param {number} width @param {number} height @param {Iterable<Thing>} things
+   * @param {number} width @param {number} height @param {Thing[]} all
    * @param {Set<string>} stationTypes
    */
-  constructor(width, height, things, stationTypes) {
-    const all = [...things];
+  constructor(width, height, all, stationTypes) {
     this.width = width;
     this.height = height;
     /** @type {Map<string, Tile>} The tile of each station. */

@@ -126,11 +126,8 @@ export class Goal {
   _choice(rows, state) {
     const ids = new Set(rows.flatMap(({ term }) => term.ids));
     const pools = new Map([...ids].map((id) => [id, this.candidates(id, state)]));
-    return this._search(
-      new Map([...pools].map(([id, names]) => [id, new Set(names)])),
-      rows,
-      pools,
-    );
+    const domains = new Map([...pools].map(([id, names]) => [id, new Set(names)]));
+    return this._search(domains, rows, pools);
   }
 
   /**

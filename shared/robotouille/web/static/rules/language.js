@@ -8,6 +8,7 @@
  * @typedef {{
  *   kinds: Map<string, KindName[]>, actions: Map<string, {do: string, how?: string, alike?: string}>,
  *   predicates: Map<string, {needed?: string, forbidden?: string}>, states: Map<string, string>,
+ *   purposes: Map<string, string>,
  *   dishes: DishName[], places: PlaceWords, work: typeof WORK, signals: typeof SIGNALS,
  *   other: string,
  * }} Language
@@ -49,7 +50,7 @@ const SIGNALS = {
  * @param {any} raw @returns {Language}
  */
 export function readLanguage(raw) {
-  const { kinds, actions, predicates, states, dishes, places, work, signals, other } = raw ?? {};
+  const { kinds, actions, predicates, states, purposes, dishes, places, work, signals } = raw ?? {};
   const named = (/** @type {any} */ each) => (typeof each === "string" ? { name: each } : each);
   const done = (/** @type {any} */ each) => (typeof each === "string" ? { do: each } : each);
   return {
@@ -57,11 +58,12 @@ export function readLanguage(raw) {
     actions: mapped(actions, done),
     predicates: mapped(predicates, (each) => each),
     states: mapped(states, (each) => each),
+    purposes: mapped(purposes, (each) => each),
     dishes: dishes ?? [],
     places: { ...PLACES, ...places },
     work: { ...WORK, ...work },
     signals: { ...SIGNALS, ...signals },
-    other: other ?? "the other {noun}",
+    other: raw?.other ?? "the other {noun}",
   };
 }
 

@@ -115,7 +115,7 @@ export class NearMisses {
     }
     const [there] = meant;
     if (meant.length === 1 && !held.size && there === at) {
-      const fitting = bindings.filter((each) => this._isFor(each, there));
+      const fitting = bindings.filter((each) => this.isFor(each, there));
       const words = this._words.here(fitting.map(({ schema }) => schema));
       if (words) return { action: null, words: capitalised(words), advice: true };
     }
@@ -128,7 +128,7 @@ export class NearMisses {
    * Return whether an action needs such a station, and objects that exist in this task.
    * @param {Binding} binding @param {string} station
    */
-  _isFor({ schema, parameter }, station) {
+  isFor({ schema, parameter }, station) {
     const { statics, staticNames } = this._task;
     const needs = schema.definition.precons.filter((each) => this._task.isStatic(each.predicate));
     const here = needs.filter(({ params }) => params.length === 1 && params[0] === parameter);
@@ -159,7 +159,7 @@ export class NearMisses {
     if (never.length && here && unfit) return null;
     const aside = here && held.size > 0 && !action.args.some((name) => held.has(name));
     const known = bindingOf(action);
-    const far = unmet.length > 1 && !this._leadsOn(action.schema, known, state);
+    const far = unmet.length > 1 && !this.leadsOn(action.schema, known, state);
     const free = new Set(unmet.map((each) => this._words.occupancy.neededFree(each)));
     const taken = action.destination !== null && free.size === 1 && free.has(meant[0]);
     return [!taken, never.length, vain, aside, far, -action.args.length, unmet.length].map(Number);
@@ -195,7 +195,7 @@ export class NearMisses {
       if (this._task.isStatic(predicate)) return null;
       missing += 1;
     }
-    if (missing > MAX_UNMET || !this._leadsOn(schema, known, state)) return null;
+    if (missing > MAX_UNMET || !this.leadsOn(schema, known, state)) return null;
     const things = [...known.values()];
     const aside =
       isHere(meant, at) && held.size > 0 && !things.some((name) => name && held.has(name));
@@ -220,9 +220,11 @@ export class NearMisses {
    * Return whether an action achieves a goal term for objects of these kinds. A missing object may
    * be of any kind.
    * @param {Schema} schema @param {Map<string, string | null>} known @param {State} state
+   * @param {string | null} about Object that the term must be about.
    */
-  _leadsOn(schema, known, state) {
-    const results = schema.definition.immediate_fx.filter((each) => each.is_true);
+  leadsOn(schema, known, state, about = null) {
+    const results = schema.definition.immediate_fx.filter(({ params, is_true }) =>
+      is_true && (about === null || params.some((each) => known.get(each) === about)));
     return results.some(({ predicate, params }) => {
       const kinds = params.map((each) => {
         const name = known.get(each) ?? null;

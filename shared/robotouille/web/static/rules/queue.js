@@ -73,10 +73,9 @@ export class ActionQueue {
   click(controls, target, button, view) {
     if (!view.state) return "";
     const label = controls.wording(view.me).place(target, view.state);
-    return this.ask(
-      { label, resolve: (state, me) => controls.click(state, me, target, button) },
-      view,
-    );
+    /** @type {Intent["resolve"]} */
+    const resolve = (state, me) => controls.click(state, me, target, button);
+    return this.ask({ label, resolve }, view);
   }
 
   /**
@@ -85,10 +84,9 @@ export class ActionQueue {
    */
   key(controls, key, view) {
     const follows = controls.isForPlaces(key);
-    return this.ask(
-      { label: keyWords(key), resolve: (state, me) => controls.key(state, me, key), follows },
-      view,
-    );
+    /** @type {Intent["resolve"]} */
+    const resolve = (state, me) => controls.key(state, me, key);
+    return this.ask({ label: keyWords(key), resolve, follows }, view);
   }
 
   /**

@@ -3,6 +3,8 @@
  * A port of `robotouille/world/scene.py`. No drawing and no time.
  */
 
+import { append } from "./task.js";
+
 /** @typedef {import("./task.js").Thing} Thing */
 /** @typedef {import("./state.js").State} State */
 /** @typedef {[number, number]} Tile */
@@ -28,23 +30,9 @@ const known = new WeakMap();
  * @param {State} state @returns {Map<string, Placed>}
  */
 export function scene(state) {
-  let found = known.get(state);
-  if (found === undefined) {
-    found = placed(state);
-    known.set(state, found);
-  }
+  const found = known.get(state) ?? placed(state);
+  known.set(state, found);
   return found;
-}
-
-/**
- * Append a value to the list of a key.
- * @template K, V
- * @param {Map<K, V[]>} lists @param {K} key @param {V} value
- */
-export function append(lists, key, value) {
-  const list = lists.get(key);
-  if (list === undefined) lists.set(key, [value]);
-  else list.push(value);
 }
 
 /** @param {State} state @returns {Map<string, Placed>} */
@@ -71,9 +59,7 @@ function placed(state) {
       if (task.stationTypes.has(type) || task.playerTypes.has(type)) hosts.set(second, first);
       else hosts.set(first, second);
     } else if (atom.length === 2) {
-      const own = facts.get(first);
-      if (own === undefined) facts.set(first, new Set([predicate]));
-      else own.add(predicate);
+      facts.set(first, (facts.get(first) ?? new Set()).add(predicate));
     } else if (rule !== "bottom_of_stack" && rule !== "reaches" && atom.length > 2) {
       append(related, atom[atom.length - 1], first);
     }

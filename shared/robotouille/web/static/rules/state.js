@@ -10,7 +10,7 @@
  * }} Orders
  */
 import { effectOf, progressOf } from "./effects.js";
-import { atomName, byText } from "./task.js";
+import { append, atomName, byText } from "./task.js";
 
 const EXISTS = "~exists";
 const SPECIAL = new Map([[-1, EXISTS], [-2, "~used"]]);
@@ -105,9 +105,8 @@ export class State {
     mark(facts, message.facts, 1);
     const timers = new Map(message.timers);
     for (const [label, counters] of timers) checked(table, label, counters);
-    const { step } = message;
-    const busy = busyOf(message);
-    return new State(table, { step, facts, timers, busy, orders: orders(message) });
+    const [busy, open] = [busyOf(message), orders(message)];
+    return new State(table, { step: message.step, facts, timers, busy, orders: open });
   }
 
   /** Return the values, which `advance` may change. */
@@ -122,6 +121,19 @@ export class State {
     const values = this.values();
     advance(values, delta);
     return new State(values.table, values);
+  }
+
+  /**
+   * Return the state after a change of facts.
+   * @param {{added: Atom[], removed: Atom[]}} changes
+   */
+  changed({ added, removed }) {
+    const values = this.values();
+    const places = (/** @type {Atom[]} */ atoms) =>
+      atoms.map((atom) => this.table.position.get(atomName(atom)));
+    mark(values.facts, places(added), 1);
+    mark(values.facts, places(removed), 0);
+    return new State(this.table, values);
   }
 
   /** Objects that exist now, by type, then in the order of their names' numbers. */
@@ -176,11 +188,8 @@ export class State {
     if (!this._truths) {
       this._truths = new Map();
       for (let i = 0; i < this._facts.length; i++) {
-        if (!this._facts[i]) continue;
         const atom = this.table.atoms[i];
-        const known = this._truths.get(atom[0]);
-        if (known) known.push(atom);
-        else this._truths.set(atom[0], [atom]);
+        if (this._facts[i]) append(this._truths, atom[0], atom);
       }
     }
     let found = this._truths.get(predicate);
@@ -199,11 +208,6 @@ export class State {
       this._atoms = predicates.flatMap((each) => this.truths(each)).sort(byNames);
     }
     return this._atoms;
-  }
-
-  /** Return the names of all true atoms, sorted. */
-  names() {
-    return this.atoms().map(atomName).sort(byText);
   }
 
   /**

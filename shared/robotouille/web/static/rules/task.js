@@ -3,7 +3,7 @@
  * change. The server has checked the task's files; this module only fills in their defaults.
  *
  * @typedef {import("./floor.js").Tile} Tile
- * @typedef {string[]} Atom A ground predicate: its name, then the names of its arguments.
+ * @typedef {[string, ...string[]]} Atom A ground predicate: its name, then the names of its arguments.
  * @typedef {{predicate: string, params: string[], is_true: boolean}} Condition
  * @typedef {{
  *   type: string, param: string, conditions: Condition[], fx: Condition[], sfx: EffectDef[],
@@ -54,6 +54,15 @@ export const own = (object, key) =>
   object && Object.hasOwn(object, key) ? object[key] : undefined;
 
 /**
+ * Append a value to the list of a key.
+ * @template K, V
+ * @param {Map<K, V[]>} lists @param {K} key @param {V} value
+ */
+export function append(lists, key, value) {
+  lists.get(key)?.push(value) ?? lists.set(key, [value]);
+}
+
+/**
  * Return the names that a condition's parameters stand for.
  * @param {Condition} condition @param {Map<string, string>} binding @returns {Atom}
  */
@@ -94,17 +103,12 @@ export class Task {
       when ? [/** @type {const} */ ([predicate, when])] : []));
     /** @type {Term[]} */
     this.goal = problem.goal ?? [];
+    /** @type {any[]} */
+    const defs = domain.predicate_defs;
     /** @type {Map<string, string[]>} Types of the arguments by predicate. */
-    this.predicates = new Map(
-      domain.predicate_defs.map((/** @type {any} */ each) => [each.name, each.param_types]),
-    );
+    this.predicates = new Map(defs.map((each) => [each.name, each.param_types]));
     /** @type {Map<string, any>} */
-    this._descriptors = new Map(
-      domain.predicate_defs.map((/** @type {any} */ each) => [
-        each.name,
-        each.language_descriptors ?? {},
-      ]),
-    );
+    this._descriptors = new Map(defs.map((each) => [each.name, each.language_descriptors ?? {}]));
     /** @type {Map<string, Thing>} The objects of the problem. Play can create further ones. */
     this.things = new Map(placed(this).map((thing) => [thing.name, thing]));
     const all = [...this.things.values()];
@@ -125,7 +129,7 @@ export class Task {
     for (const atom of initialFacts(this, all)) {
       if (this.fluents.has(atom[0]) || this.staticNames.has(atomName(atom))) continue;
       this.staticNames.set(atomName(atom), atom);
-      this.statics.set(atom[0], [...(this.statics.get(atom[0]) ?? []), atom]);
+      append(this.statics, atom[0], atom);
     }
   }
 

@@ -202,6 +202,14 @@ export class Wording {
     return [...told, noun].join(" ");
   }
 
+  /** Return each kind of station that has words for its purpose, with these; special ones first. */
+  purposes() {
+    const { floor, things } = this.task;
+    const kinds = new Set([...floor.stations.keys()].map((name) => things.get(name)?.kind));
+    const told = [...this.language.purposes].filter(([kind]) => kinds.has(kind)).reverse();
+    return told.map(([kind, use]) => [this.kind(kind), use]);
+  }
+
   // Actions
 
   /**
@@ -275,15 +283,6 @@ export class Wording {
   way(action, unmet, state) {
     const reasons = () => new Set(unmet.map((each) => this.reason(each, state)));
     return this._how(action, unmet, state) || [...reasons()].join("; ");
-  }
-
-  /**
-   * Return why an action was rejected, or how to make it possible.
-   * @param {Action | null} action @param {Unmet[]} unmet @param {State} state
-   */
-  rejection(action, unmet, state) {
-    const told = action ? this._how(action, unmet, state) : "";
-    return told || (unmet.length ? this.reason(unmet[0], state) : "");
   }
 
   /**

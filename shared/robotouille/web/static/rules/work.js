@@ -259,9 +259,7 @@ function leadsOn(node, view) {
   if (node.nested.length && node.type === "conditional") return later;
   const sets = new Set(node.fx.flatMap(({ atom, expected }) => (expected ? atomName(atom) : [])));
   const news = node.fx.some(({ atom, expected }) => {
-    const [predicate, ...names] = atom;
-    const counts = expected || !sets.has(atomName(atom));
-    return counts && view.holds(predicate, ...names) !== expected;
+    return (expected || !sets.has(atomName(atom))) && view.holds(...atom) !== expected;
   });
   return news || later;
 }
