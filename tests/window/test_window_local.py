@@ -99,7 +99,7 @@ def test_running_out_of_steps_is_not_a_win() -> None:
     game.view()
     timer.now = 4.0
     view = game.view()
-    assert view.outcome == "Out of steps after 5 steps"
+    assert view.outcome == "Time is up after 5 steps"
     assert not view.won
 
 
@@ -153,7 +153,7 @@ def test_bots_ask_an_idle_person_to_move(words: Language, place: str) -> None:
         view = game.view()
         blocked |= {*view.blocked}
     asked = [text for _, text in view.chat if text.startswith("I need")]
-    assert {*asked} == {f"I need the {place}, please"}
+    assert {text.partition(" ×")[0] for text in asked} == {f"I need the {place}, please"}
     assert len(asked) <= len(bots)
     assert ("robot2", "table2", "robot1") in blocked
     assert sum(seat.rejected for seat in view.seats) <= 2
@@ -227,6 +227,19 @@ def test_an_announcement_is_short_over_its_player() -> None:
     assert chat.lines == (), "announcements do not flood the chat"
     chat.said("Pia", "robot2", "I need the board, please")
     assert chat.lines == (("Pia", "I need the board, please"),)
+
+
+def test_a_repeated_line_is_shown_once_with_how_often_it_was_said() -> None:
+    chat = ChatLog(Timer())
+    for name, text in [("Pia", "I need the board"), ("Ada", "wait"), ("Pia", "I need the board")]:
+        chat.said(name, "robot2", text)
+    assert chat.lines == (("Ada", "wait"), ("Pia", "I need the board ×2"))
+    chat.said("Ada", "robot1", "I need the board")
+    assert chat.lines[-1] == ("Ada", "I need the board"), "other people's lines are their own"
+    for number in range(6):
+        chat.said("Ada", "robot1", f"line {number}")
+    chat.said("Pia", "robot2", "I need the board")
+    assert chat.lines[-1] == ("Pia", "I need the board"), "the earlier lines are out of sight"
 
 
 def test_an_announcement_of_actions_shows_pictures() -> None:

@@ -120,7 +120,20 @@ def test_spectators_are_marked_in_the_chat() -> None:
 )
 def test_singular_and_plural_steps(rate: float, words: str) -> None:
     assert rate_words(rate) == words
-    assert clock_words("realtime", {"step_rate": rate}) == f"real time, {words}"
+    assert clock_words("realtime", {"step_rate": rate}, 2) == f"real time, {words}"
+
+
+@pytest.mark.parametrize(
+    ("clock", "players", "words"),
+    [
+        ("turn", 1, "no hurry, 30 s a move"),
+        ("turn", 2, "taking turns, 30 s a move"),
+        ("lockstep", 2, "all move at once, 30 s a move"),
+        ("realtime", 1, "real time, 30 s a move"),
+    ],
+)
+def test_clocks_have_words_for_players(clock: str, players: int, words: str) -> None:
+    assert clock_words(clock, {"move_budget": 30}, players) == words
 
 
 def test_the_home_folder_is_a_tilde(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -130,13 +130,13 @@ async def test_actions_wait_until_the_pause_ends(at: Table) -> None:
 @virtual
 async def test_seats_show_absence_and_substitutes(tmp_path: Path) -> None:
     async with table(tmp_path / "bot", absence="bot", substitute="random") as at:
-        assert [seat.moved_by for seat in at.source.view().seats] == ["human", "human"]
+        assert [seat.moved_by for seat in at.source.view().seats] == ["person", "person"]
         await at.bob.pull()
         ada, bob = at.source.view().seats
-        assert (ada.moved_by, bob.moved_by) == ("human", "random plays for bob")
+        assert (ada.moved_by, bob.moved_by) == ("person", "random plays for bob")
         assert bob.plate == "random for bob"
         await at.bob.plug()
-        assert at.source.view().seats[1].moved_by == "human"
+        assert at.source.view().seats[1].moved_by == "person"
         at.room.members[0].latency_ms = 250
         at.room.broadcaster.publish_roster()
         await asyncio.sleep(0.1)

@@ -37,7 +37,7 @@ from robotouille_client.window.forms.picker import EntryText, PickerEntry
 from robotouille_client.window.forms.screen import Display
 from robotouille_client.window.forms.widgets import Words
 from robotouille_client.window.input.commands import Command
-from robotouille_client.window.sources.texts import dish_title, task_title
+from robotouille_client.window.sources.texts import dish_title, task_heading, task_title
 
 BURGER = "multi_agent/01_lettuce_burger"
 
@@ -77,6 +77,13 @@ def test_a_number_finds_the_tasks_with_it(typed: str) -> None:
     assert not shift.matches(typed)
 
 
+def test_a_family_is_found_by_the_name_of_its_folder(display: Display) -> None:
+    form = TaskPicker(Settings(), BURGER).form
+    post("multi agent 01")
+    follow(form)
+    assert [row.answer for row in form.rows if isinstance(row, PickerEntry)][:1] == [BURGER]
+
+
 def test_exact_titles_come_first_and_each_family_has_one_heading(display: Display) -> None:
     form = TaskPicker(Settings(), "asynchronous/01_chicken_burger").form
     post("LETTUCE  burger")
@@ -88,7 +95,7 @@ def test_exact_titles_come_first_and_each_family_has_one_heading(display: Displa
     assert len(titles) > 3
     assert form.focused is entries[0]
     headings = [row.label for row in form.rows if isinstance(row, Words)]
-    assert "Multi agent" in headings
+    assert "Together" in headings
     assert len(set(headings)) == len(headings)
 
 
@@ -214,8 +221,10 @@ def test_the_picture_marks_the_own_player(display: Display) -> None:
 
 
 def test_task_titles() -> None:
-    assert task_title(BURGER) == "Multi agent 01: lettuce burger"
-    assert task_title(f"{BURGER}/free-42") == "Multi agent 01: lettuce burger, free-42"
+    assert task_title(BURGER) == "Together 01: lettuce burger"
+    assert task_title(f"{BURGER}/free-42") == "Together 01: lettuce burger, free-42"
+    assert task_heading(f"{BURGER}/free-42") == "together · 01 · free-42"
+    assert task_heading("kitchen") == ""
     assert task_title("kitchen") == "Kitchen"
     assert "sandwich" in task_title("training/01_synchronous")
     assert dish_title("training/01_synchronous", "Make it.") == "Make it"
@@ -256,7 +265,7 @@ def test_recordings_show_task_and_result(
         drawn(menu.form, (800, 600))
     received = {entry.answer: entry.text() for entry in menu.form.entries}
     title, detail = received[whole]
-    assert title == "Synchronous 01: cheese sandwich"
+    assert title == "Alone 01: cheese sandwich"
     assert "won in 8 steps" in detail
     assert (
         "Played by robot1-bot." in next(e for e in menu.form.entries if e.answer == whole).about()

@@ -51,7 +51,7 @@ class SeatView:
             whom = f"for {self.name}" if self.name else "a free seat"
             return f"{self.substitute} plays {whom}"
         if self.connected:
-            return self.kind
+            return "person" if self.kind == "human" else self.kind
         return "connection lost" if self.name else "free"
 
 

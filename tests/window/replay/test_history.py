@@ -76,8 +76,8 @@ def test_states_with_created_objects() -> None:
 
 def test_seats_by_step(history: RecordedHistory, recording: Recording) -> None:
     course = [history.seats(step)[1].moved_by for step in range(history.length + 1)]
-    assert course[:8] == ["human"] * 3 + ["random plays for bob"] * 4 + ["human"]
-    assert set(course[8:]) == {"human"}
+    assert course[:8] == ["person"] * 3 + ["random plays for bob"] * 4 + ["person"]
+    assert set(course[8:]) == {"person"}
     for step, seats in seatings(recording):
         assert [seat.name for seat in history.seats(step)] == [s.name for s in seats.values()]
 
@@ -96,7 +96,7 @@ def test_marks_and_entries(history: RecordedHistory) -> None:
     said = [e.words for e in history.entries(8) if e.kind is EntryKind.SAID]
     assert said == ["the bun is yours"]
     assert [e.words for e in history.entries(13)][0] == "this first"
-    assert history.entries(history.length)[-1].words == "Out of steps after 40 steps"
+    assert history.entries(history.length)[-1].words == "Time is up after 40 steps"
     assert "bob (robot2) is away, a substitute plays" in [e.words for e in history.entries(2)]
 
 
@@ -182,7 +182,7 @@ def test_the_source_shows_the_step_of_the_playhead(history: RecordedHistory) -> 
     assert "lunch" in source.view().notice
     now[0] = 1000.0
     assert source.finished
-    assert source.view().outcome == "Out of steps after 40 steps"
+    assert source.view().outcome == "Time is up after 40 steps"
     assert source.view().chat == (("ada", "the bun is yours"), ("", "lunch"))
 
 

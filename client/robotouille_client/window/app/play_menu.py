@@ -52,6 +52,7 @@ class TaskPicker:
             name,
             lambda: EntryText(_dish(name), self._detail(name)),
             group=family_title(name),
+            also=name.partition("/")[0].replace("_", " "),
             picture=lambda room: self._pictures.at(name, room),
             about=lambda: self._about(name),
         )

@@ -35,6 +35,7 @@ class PickerEntry(Row):
     Args:
         text: Function that returns the text whenever the entry is drawn.
         about: Function that returns details, shown next to the list for the focused entry.
+        also: Further words that a search finds.
     """
 
     def __init__(
@@ -43,6 +44,7 @@ class PickerEntry(Row):
         text: Callable[[], EntryText],
         *,
         group: str = "",
+        also: str = "",
         picture: Picture | None = None,
         about: Callable[[], str] = lambda: "",
     ) -> None:
@@ -50,6 +52,7 @@ class PickerEntry(Row):
         self.answer = answer
         self.text = text
         self.group = group
+        self._also = also
         self.picture = picture
         self.about = about
 
@@ -61,7 +64,7 @@ class PickerEntry(Row):
 
     def matches(self, typed: str) -> bool:
         """Return whether the entry contains all typed words."""
-        text = f"{' '.join(self.text())} {self.group} {self.about()}".casefold()
+        text = f"{' '.join(self.text())} {self.group} {self._also} {self.about()}".casefold()
         return all(_contains(text, word) for word in typed.casefold().split())
 
     def distance(self, typed: str) -> int:

@@ -177,7 +177,8 @@ class ChatLog:
         self._now = now
         self._bubbles: list[tuple[float, Bubble]] = []
         """Bubbles, and until when they are shown."""
-        self._lines: deque[tuple[str, str]] = deque(maxlen=CHAT_LINES)
+        self._lines: deque[tuple[str, str, int]] = deque(maxlen=CHAT_LINES)
+        """Speakers, texts, and how often each was said."""
         self._notice = ""
         self._notice_until = 0.0
 
@@ -208,7 +209,7 @@ class ChatLog:
         """
         announced = next_intention(text) if player else ""
         if not announced:
-            self._lines.append((name, text))
+            self._write(name, text)
         if not player:
             return
         if signal is not None:
@@ -222,20 +223,27 @@ class ChatLog:
     def repeated(self, name: str, text: str) -> None:
         """Add a chat message from before the local player returned."""
         if not next_intention(text):
-            self._lines.append((name, text))
+            self._write(name, text)
+
+    def _write(self, name: str, text: str) -> None:
+        """Add a line. It replaces an equal one among the lines that are shown."""
+        before = next((line for line in self._lines if line[:2] == (name, text)), None)
+        if before is not None:
+            self._lines.remove(before)
+        self._lines.append((name, text, 1 if before is None else before[2] + 1))
 
     def happened(self, text: str) -> None:
         """Add a game event, such as a participant who joins."""
-        self._lines.append((NEWS, text))
+        self._lines.append((NEWS, text, 1))
 
     def announced(self, text: str) -> None:
         """Add an operator's announcement, and show it as a notice."""
-        self._lines.append(("", text))
+        self._lines.append(("", text, 1))
         self._notify(text)
 
     def add_game_event(self, text: str) -> None:
         """Add a game event, and show it as a notice."""
-        self._lines.append((NEWS, text))
+        self._lines.append((NEWS, text, 1))
         self._notify(text)
 
     def _notify(self, text: str) -> None:
@@ -255,7 +263,9 @@ class ChatLog:
 
     @property
     def lines(self) -> tuple[tuple[str, str], ...]:
-        return tuple(self._lines)
+        return tuple(
+            (name, text if times == 1 else f"{text} ×{times}") for name, text, times in self._lines
+        )
 
     @property
     def notice(self) -> str:

@@ -93,7 +93,8 @@ class LocalSource(GameSource):
             episode.world, language_of(episode.world.task).with_words(words), me, bots
         )
         rules = episode.rules
-        self._clock_words = clock_words(rules.clock.value, rules.model_dump(mode="json"))
+        row, players = rules.model_dump(mode="json"), len(episode.world.players)
+        self._clock_words = clock_words(rules.clock.value, row, players)
         self._chat_log = ChatLog(now)
         self._blockages = Blockages(now)
         self._feedback = Feedback(self._chat_log, self._blockages)
@@ -164,7 +165,7 @@ class LocalSource(GameSource):
         turn = self._episode.on_turn
         if turn is None:
             return ""
-        return "Your turn" if turn == self._me else f"{turn}'s turn"
+        return "Your turn" if turn == self._me else f"{self._bots.get(turn, turn)}'s turn"
 
     def _starts_in(self) -> float | None:
         starts_at = self._episode.starts_at

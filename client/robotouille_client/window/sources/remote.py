@@ -125,7 +125,9 @@ class RemoteSource(GameSource):
             previous=shown.previous,
             step=shown.step,
             max_steps=game.clock.get("max_steps"),
-            clock=clock_words(str(game.clock.get("clock", "")), game.clock),
+            clock=clock_words(
+                str(game.clock.get("clock", "")), game.clock, len(game.world.players)
+            ),
             phase=shown.phase,
             step_seconds=self._period(),
             seats=tuple(map(self._seat, game.seats)),
@@ -288,7 +290,9 @@ class RemoteSource(GameSource):
         if game.phase == "waiting":
             return waiting_words(game.seats, self._starts_in(), game.seat)
         if game.turn is not None:
-            return "Your turn" if game.turn == game.seat else f"{game.turn}'s turn"
+            names = {seat.player: seat.name for seat in game.seats}
+            whose = f"{names.get(game.turn) or game.turn}'s turn"
+            return "Your turn" if game.turn == game.seat else whose
         return ""
 
     def act(self, action: GroundAction) -> None:

@@ -19,12 +19,21 @@ if TYPE_CHECKING:
     from robotouille.protocol.messages import SeatInfo
 
 
+FAMILIES = {
+    "synchronous": "alone",
+    "asynchronous": "alone, with waiting",
+    "multi_agent": "together",
+}
+"""Families of tasks as players call them. Other families are called like their folders."""
+
+
 def task_title(name: str) -> str:
-    """Return `Multi agent 01: lettuce burger` for `multi_agent/01_lettuce_burger`."""
+    """Return `Together 01: lettuce burger` for `multi_agent/01_lettuce_burger`."""
     folder, file, variant = _parts(name)
     number, _, dish = file.partition("_")
     words = _goal(name) if _is_family(dish) else dish
-    title = f"{folder} {number}: {words}".replace("_", " ").strip(" :").capitalize()
+    family = FAMILIES.get(folder, folder)
+    title = f"{family} {number}: {words}".replace("_", " ").strip(" :").capitalize()
     return f"{title}, {variant}" if variant else title
 
 
@@ -37,8 +46,16 @@ def dish_title(name: str, goal: str) -> str:
 
 
 def family_title(name: str) -> str:
-    """Return `Multi agent` for `multi_agent/01_lettuce_burger`."""
-    return name.rpartition("/")[0].replace("_", " ").capitalize()
+    """Return `Together` for `multi_agent/01_lettuce_burger`."""
+    folder = _parts(name)[0]
+    return FAMILIES.get(folder, folder).replace("_", " ").capitalize()
+
+
+def task_heading(name: str) -> str:
+    """Return `together · 01` for `multi_agent/01_lettuce_burger`; empty without a folder."""
+    folder, file, variant = _parts(name)
+    family = FAMILIES.get(folder, folder).replace("_", " ")
+    return " · ".join(filter(None, (family, file.partition("_")[0], variant))) if folder else ""
 
 
 def _parts(name: str) -> tuple[str, str, str]:
@@ -66,7 +83,7 @@ def _goal(name: str) -> str:
 REASONS = {
     "goal": "Goal reached",
     "shift_over": "Shift over",
-    "step_limit": "Out of steps",
+    "step_limit": "Time is up",
     "abandoned": "Abandoned",
     "aborted": "Stopped",
 }
@@ -149,12 +166,14 @@ def won(outcome: Mapping[str, object] | None) -> bool:
     return outcome.get("reason") == Reason.GOAL
 
 
-def clock_words(clock: str, rules: Mapping[str, Any]) -> str:
+def clock_words(clock: str, rules: Mapping[str, Any], players: int) -> str:
     """Return a clock in words, such as `real time, 5 steps a second`."""
     if clock == "realtime" and "step_rate" in rules:
         return f"real time, {rate_words(rules['step_rate'])}"
+    words = {"turn": "taking turns", "lockstep": "all move at once", "realtime": "real time"}
+    pace = words.get(clock, clock) if players > 1 or clock == "realtime" else "no hurry"
     budget = rules.get("move_budget")
-    return f"{clock}, {budget:g} s a move" if budget else clock
+    return f"{pace}, {budget:g} s a move" if budget else pace
 
 
 def rate_words(rate: float) -> str:

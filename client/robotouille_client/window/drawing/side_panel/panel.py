@@ -31,7 +31,7 @@ from robotouille_client.window.pictures.theme import (
     Colour,
     mixed,
 )
-from robotouille_client.window.sources.texts import dish_title
+from robotouille_client.window.sources.texts import dish_title, task_heading
 from robotouille_client.window.view import NEWS, View
 
 # Number of steps whose duration fits any type.
@@ -143,11 +143,9 @@ class Panel:
     def _title(self, surface: pygame.Surface, area: pygame.Rect, layout: Layout, view: View) -> int:
         size, y = layout.text, area.y
         task = view.world.task
-        folder, _, file = task.name.rpartition("/")
-        number = file.partition("_")[0]
         title = dish_title(task.name, task.goal_description)
         small = max(10, size - 3)
-        above = " · ".join(part for part in (folder.replace("_", " "), number) if part and folder)
+        above = task_heading(task.name)
         room = area.width
         if view.code:
             code = self._text.fit(f"code {view.code}", small, area.width - size)
