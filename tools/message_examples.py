@@ -80,7 +80,13 @@ RECEIVED = (
     ),
     m.Created(ref=2, episode=EPISODE, code=CODE),
     m.Closed(ref=9, episode=EPISODE),
-    m.Rendering(ref=10, rendering={"version": "2.0"}, bindings={}, pictures={"egg.png": PICTURE}),
+    m.Rendering(
+        ref=10,
+        rendering={"version": "2.0"},
+        bindings={},
+        pictures={"egg.png": PICTURE},
+        stars=[86, 113],
+    ),
     m.Picture(ref=11, digest=PICTURE, data="iVBORw0KGgo…"),
     m.Joined(
         ref=3,

@@ -450,9 +450,10 @@ class Requests:
         self._room.ask_snapshot(self._session)
 
     def _get_rendering(self, message: messages.GetRendering) -> None:
-        assets = self._assets
+        assets, limits = self._assets, self._room.star_limits
+        stars = None if limits is None else list(limits)
         if assets is None:
-            self._peer.answer(messages.Rendering(ref=message.ref))
+            self._peer.answer(messages.Rendering(ref=message.ref, stars=stars))
             return
         self._peer.answer(
             messages.Rendering(
@@ -460,6 +461,7 @@ class Requests:
                 rendering=dict(assets.rendering),
                 bindings=dict(assets.bindings),
                 pictures=dict(assets.pictures),
+                stars=stars,
             )
         )
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from robotouille.certification.stars import star_limits
 from robotouille.errors import ProtocolError
 from robotouille.installation import data_folder
 from robotouille.protocol import messages
@@ -126,6 +127,20 @@ async def test_shipped_task_has_no_rendering_message(tmp_path: Path) -> None:
     async with serving(tmp_path) as server, connect(server.url, name="ada") as ada:
         await ada.join((await ada.create("synchronous/01")).code)
         assert (await ada.rendering()).rendering is None
+
+
+@virtual
+@pytest.mark.parametrize("rate", [None, 4.0])
+async def test_clients_receive_the_steps_for_stars(tmp_path: Path, rate: float | None) -> None:
+    rules = {"clock": "realtime", "step_rate": rate} if rate else {"clock": "lockstep"}
+    async with serving(tmp_path) as server, connect(server.url, name="ada") as ada:
+        game = await ada.join((await ada.create("synchronous/01", **rules)).code)
+        limits = star_limits(game.world.task, rate)
+        assert limits is not None
+        assert (await ada.rendering()).stars == list(limits)
+        await ada.leave()
+        await ada.join((await ada.create("shifts/01", seats=1)).code)
+        assert (await ada.rendering()).stars is None
 
 
 @virtual

@@ -81,5 +81,5 @@ async def test_all_parts_of_the_page_are_usable(browser: Any, tmp_path: Path) ->
         rules = messages.Create(task=TASK, clock="realtime", step_rate=5, max_steps=2)
         url = link(server.port, server.lobby.create(rules).code)
         async with playing(browser, (url, url), **STILL) as (ada, _):
-            await expect(ada.locator("#cover")).to_contain_text("Out of steps")
+            await expect(ada.locator("#cover")).to_contain_text("Time is up")
             await assert_usable(ada)

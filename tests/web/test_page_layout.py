@@ -8,9 +8,11 @@ from typing import Any
 
 import pytest
 
+from robotouille.domain.rendering import language_of
 from robotouille.episode import Clock
 from robotouille.episode.presence import LOBBY_SECONDS
 from robotouille.protocol import messages
+from robotouille.world.presentation.wording import Wording
 from tests.support.servers import serving
 from tests.web.visits import BROWSER_TEST, expect, get_ready, link, visiting
 
@@ -74,6 +76,30 @@ async def test_kitchen_keeps_its_size_and_newcomers_learn_how_to_walk(
             await expect(page.locator("#choices li").first).to_be_visible()
             await expect(page.locator("#hint")).to_contain_text("walk to the next station")
             assert await page.evaluate(SIZE) == before
+
+
+async def test_waiting_room_of_a_shift_says_what_the_stations_are_for(
+    browser: Any, tmp_path: Path
+) -> None:
+    async with serving(tmp_path) as server:
+        room = server.lobby.create(messages.Create(task="shifts/01@2", clock=Clock.REALTIME))
+        language = language_of(room.world.task)
+        uses = Wording(room.world, language).purposes()
+        assert {"crate", "bin", "board"} <= {kind for kind, _ in uses}
+        async with visiting(browser, link(server.port, room.code), "Ada") as page:
+            rows = page.locator("#cover .purposes li")
+            await expect(rows).to_have_text([f"{kind.capitalize()}{use}" for kind, use in uses])
+            assert await page.evaluate(BELOW_PAGE) == 0
+
+
+async def test_repeated_line_of_chat_is_shown_once(browser: Any, tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        room = server.lobby.create(messages.Create(task="training/01", clock=Clock.LOCKSTEP))
+        async with visiting(browser, link(server.port, room.code), "Ada") as page:
+            for said in ("I need it", "wait", "I need it"):
+                await page.fill("#said", said)
+                await page.press("#said", "Enter")
+            await expect(page.locator("#lines p")).to_have_text(["Ada: wait", "Ada: I need it ×2"])
 
 
 async def test_three_orders_are_visible_at_720_pixels(browser: Any, tmp_path: Path) -> None:

@@ -54,6 +54,12 @@ FOCUSED_CHOICE = """(() => {
   const place = buttons.indexOf(document.activeElement);
   return place < 0 ? null : place;
 })()"""
+OVERLAP = """() => {
+  const [one, other] = ["cover", "kitchen"].map((id) =>
+    document.getElementById(id).getBoundingClientRect());
+  return Math.max(0, Math.min(one.bottom, other.bottom) - Math.max(one.top, other.top));
+}"""
+"""Returns the pixels by which a card covers the kitchen."""
 ENTER = "\ue007"
 """The key Enter in WebDriver."""
 
@@ -208,6 +214,11 @@ async def test_whole_task_is_played_in_a_browser(browser: Any, tmp_path: Path, k
                 await person.act(page, words)
             await expect(page.locator("#cover")).to_contain_text("Goal reached")
             await expect(page.locator(".dish li:not(.done)")).to_have_count(0)
+            assert room.star_limits is not None
+            told = f"Three stars take at most {room.star_limits.three} steps."
+            await expect(page.locator("#cover")).to_contain_text(told)
+            await expect(page.locator(".stars")).to_have_attribute("aria-label", "3 / 3")
+            assert await page.evaluate(OVERLAP) == 0
             await person.answer(page, "Play again")
             await expect(page.locator("#cover")).to_contain_text("Waiting room")
     recording = read_recording(next(tmp_path.glob("*.rbt")))
@@ -392,7 +403,7 @@ async def test_consent_is_asked_for_and_recorded(browser: Any, tmp_path: Path) -
             for number in range(2):
                 await get_ready(page)
                 await by_buttons(page, "Wait")
-                await expect(page.locator("#cover")).to_contain_text("Out of steps")
+                await expect(page.locator("#cover")).to_contain_text("Time is up")
                 if number == 0:
                     await page.reload()
                     await page.get_by_role("button", name="Play again").click()
@@ -408,7 +419,7 @@ async def test_rematch_leads_both_to_the_next_game(browser: Any, tmp_path: Path)
         room = opened_room(server, max_steps=3)
         async with playing(browser, (link(server.port, room.code),) * 2) as (ada, ben):
             for page in (ada, ben):
-                await expect(page.locator("#cover")).to_contain_text("Out of steps")
+                await expect(page.locator("#cover")).to_contain_text("Time is up")
             await ada.reload()
             await ada.get_by_role("button", name="Play again").click()
             await expect(ada.locator("#cover")).to_contain_text("Waiting room")
@@ -425,7 +436,7 @@ async def test_player_learns_which_bots_come_along(browser: Any, tmp_path: Path)
             await client.join(room.code)
             async with visiting(browser, link(server.port, room.code), "Ada") as page:
                 await get_ready(page)
-                await expect(page.locator("#cover")).to_contain_text("with --stay come along")
+                await expect(page.locator("#cover")).to_contain_text("Not every bot comes along")
 
 
 async def test_spectator_watches_and_a_full_kitchen_offers_to_watch(

@@ -72,7 +72,7 @@ async def test_game_on_a_line_that_loses_packets_is_played_to_its_end(
             while await page.locator("#cover").is_hidden():
                 await page.evaluate(CHOOSE)
                 await page.wait_for_timeout(300)
-            await expect(page.locator("#cover")).to_contain_text("Out of steps")
+            await expect(page.locator("#cover")).to_contain_text("Time is up")
         assert line.lost > 0
         recording = read_recording(next(tmp_path.glob("*.rbt")))
     assert recording.verify().ok

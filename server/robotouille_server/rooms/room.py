@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
+from robotouille.certification.stars import StarLimits, star_limits
 from robotouille.episode import Departure, Event, Moderation, PauseReason
 from robotouille.episode.quota import NOTE_BYTES
 from robotouille.errors import ProtocolError
@@ -175,6 +176,14 @@ class Room:
     @property
     def task(self) -> str:
         return self.world.task.name
+
+    @property
+    def star_limits(self) -> StarLimits | None:
+        # Opening the room has simulated the plan already, for the step limit.
+        rules, task = self.episode.rules, self.world.task
+        if task.problem.shift is not None:
+            return None
+        return star_limits(task, rules.step_rate if rules.scheduled else None)
 
     @property
     def step(self) -> int:

@@ -287,6 +287,10 @@ class Mirror:
         return self._updates.phase in (Phase.RUNNING.value, Phase.PAUSED.value)
 
     @property
+    def star_limits(self) -> None:
+        return None
+
+    @property
     def ended(self) -> bool:
         return self._updates.phase == Phase.ENDED.value
 

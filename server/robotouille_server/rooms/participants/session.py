@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+from robotouille.certification.stars import StarLimits
 from robotouille.episode import Departure, Seat
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
@@ -35,6 +36,10 @@ class JoinedRoom(Protocol):
     @property
     def task(self) -> str:
         """Name of the task."""
+
+    @property
+    def star_limits(self) -> StarLimits | None:
+        """Largest numbers of steps for stars; None without a known plan, and in a mirror."""
 
     @property
     def step(self) -> int: ...

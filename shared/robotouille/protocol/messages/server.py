@@ -107,6 +107,13 @@ class Rendering(FromServer):
         default={},
         description="Digests for `get_picture`, by file name. Pictures not listed are shipped.",
     )
+    stars: list[int] | None = Field(
+        default=None,
+        min_length=2,
+        max_length=2,
+        description="Largest numbers of steps for three and for two stars, of a task with a known "
+        "plan; null for a shift.",
+    )
 
 
 class Picture(FromServer):

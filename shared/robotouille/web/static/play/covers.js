@@ -1,10 +1,11 @@
 // What covers the kitchen: the waiting room, pauses, a lost connection, the end.
 
 import { won } from "../kitchen/painter.js";
+import { capitalised } from "../rules/words.js";
 import { socketAddress } from "./connection.js";
 import { byId, element, now, setText } from "./dom.js";
 import { seatMark, seatWords } from "./panel.js";
-import { clock, listed, text } from "./texts.js";
+import { clock, duration, listed, text } from "./texts.js";
 
 /** @typedef {import("./game.js").Game} Game */
 /**
@@ -28,6 +29,8 @@ export class Cover {
     this.root = byId("cover");
     this.shown = this.kindShown = "";
     this.offline = false;
+    /** @type {string[][]} Kinds of stations with what they are for, once the kitchen is loaded. */
+    this.purposes = [];
     /** @type {HTMLElement | null} */
     this.ticking = null;
   }
@@ -35,7 +38,7 @@ export class Cover {
   update() {
     const { game } = this;
     const kind = this.kind();
-    const shown = JSON.stringify([kind, kind === "lobby" && game.seats, game.rematch, game.pause?.reason,
+    const shown = JSON.stringify([kind, kind === "lobby" && [game.seats, this.purposes], game.rematch, game.pause?.reason, game.stars,
       game.seats.map((seat) => seat.present)]);
     if (shown !== this.shown) {
       this.shown = shown;
@@ -66,7 +69,7 @@ export class Cover {
     ]);
     const make = slips.get(kind);
     this.root.hidden = !make;
-    this.root.classList.toggle("light", kind === "count");
+    this.root.className = kind;
     const focused = this.root.contains(document.activeElement);
     const isNew = kind !== this.kindShown;
     this.kindShown = kind;
@@ -93,6 +96,8 @@ export class Cover {
     const made = slip(text("lobby"), this.ticking, element("ul", {}, ...rows));
     const goal = game.task?.problem.goal_description;
     if (goal) made.append(element("p", {}, String(goal)));
+    const uses = this.purposes.map(([kind, use]) => element("li", {}, element("b", {}, capitalised(kind)), use));
+    if (game.task?.problem.shift) made.append(element("ul", { class: "purposes" }, ...uses));
     const bounds = starBounds(game);
     if (bounds) made.append(element("p", {}, text("starPoints", { one: bounds[0], two: bounds[1], three: bounds[2] })));
     const touch = matchMedia("(pointer: coarse)").matches;
@@ -114,7 +119,7 @@ export class Cover {
   }
 
   count() {
-    this.ticking = element("p", { class: "count", role: "timer" });
+    this.ticking = element("p", { class: "number", role: "timer" });
     return this.ticking;
   }
 
@@ -157,14 +162,14 @@ export class Cover {
     const idle = onlyWatched(game);
     const title = won(game.outcome) && idle ? "othersWon"
       : rating?.stars === 0 ? "shiftEnded" : won(game.outcome) ? "won" : "lost";
-    const made = slip(text(title), element("p", {}, `${outcomeWords(game.outcome)}.`));
+    const made = slip(text(title), element("p", {}, `${outcomeWords(game.outcome, game.stepSeconds)}.`));
     if (rating) {
-      const { stars, next } = rating;
+      const { stars, next: take } = rating;
       const row = element("p", { class: "stars", role: "img", "aria-label": `${stars} / ${STARS}` });
       for (let each = 0; each < STARS; each += 1) {
         row.append(element("span", { class: each < stars ? "" : "off" }, "★"));
       }
-      made.append(row, element("p", {}, text(idle ? "idle" : `stars${Math.min(stars + 1, STARS)}`, { points: next })));
+      made.append(row, element("p", {}, text(idle ? "idle" : `stars${Math.min(stars + 1, STARS)}`, { take })));
     }
     const { next, mayRepeat } = this.answers;
     const buttons = element("p", { class: "buttons" });
@@ -212,14 +217,17 @@ function timeouts({ me, clock: { grace = 0 } }) {
   return me === null ? kitchen : `${kitchen} ${text("keepsSeat", { seconds: grace })}`;
 }
 
-/** Return an outcome in words. @param {Record<string, any> | null} outcome */
-export function outcomeWords(outcome) {
+/**
+ * Return an outcome in words.
+ * @param {Record<string, any> | null} outcome @param {number | null} stepSeconds
+ */
+export function outcomeWords(outcome, stepSeconds = null) {
   const key = new Map([
     ["goal", "goalReached"], ["shift_over", "shiftOver"], ["step_limit", "stepLimit"],
     ["abandoned", "abandoned"], ["aborted", "aborted"],
   ]).get(outcome?.reason);
   const { points = 0, served = 0, expired = 0 } = outcome?.score ?? {};
-  const words = text(key ?? "ended", { steps: outcome?.steps ?? 0, points, served });
+  const words = text(key ?? "ended", { time: duration(outcome?.steps ?? 0, stepSeconds), points, served });
   if (key === "shiftOver") return expired ? `${words}, ${text("expired", { expired })}` : words;
   return outcome?.detail ? `${words}: ${outcome.detail}` : words;
 }
@@ -241,14 +249,17 @@ function starBounds({ task }) {
 }
 
 /**
- * Return the stars of a shift that is over, and the points of the next star; null if its task has
- * none.
+ * Return the stars of a game that is over, and what the next star takes; null if its task has none.
  * @param {Game} game
  */
 function ratingOf(game) {
-  const bounds = starBounds(game);
-  const points = game.outcome?.score?.points;
-  if (!bounds || points == null || game.outcome?.reason !== "shift_over") return null;
-  const earned = bounds.filter((bound) => points >= bound).length;
-  return { stars: onlyWatched(game) ? 0 : earned, next: bounds[Math.min(earned, STARS - 1)] };
+  const { reason, steps = 0, score } = game.outcome ?? {};
+  const bounds = reason === "shift_over" && score ? starBounds(game) : null;
+  if (!bounds && !(game.stars && reason === "goal")) return null;
+  const [three, two] = game.stars ?? [0, 0];
+  const earned = bounds ? bounds.filter((bound) => score.points >= bound).length
+    : steps <= three ? 3 : steps <= two ? 2 : 1;
+  const next = bounds ? text("points", { points: bounds[Math.min(earned, STARS - 1)] })
+    : text("atMost", { time: duration(earned === 1 ? two : three, game.stepSeconds) });
+  return { stars: onlyWatched(game) ? 0 : earned, next };
 }

@@ -66,6 +66,8 @@ export class Game {
     /** @type {string[]} */
     this.waitsFor = [];
     this.rematch = "";
+    /** @type {[number, number] | null} Largest numbers of steps for three and for two stars. */
+    this.stars = null;
     /** @type {Record<string, any> | null} */
     this.outcome = null;
     this.said = 0;

@@ -5,7 +5,7 @@ import { ActionQueue } from "../rules/queue.js";
 import { scene } from "../rules/scene.js";
 import { capitalised } from "../rules/words.js";
 import { byId, element, inputById, now, setText } from "./dom.js";
-import { text } from "./texts.js";
+import { duration, text } from "./texts.js";
 
 /** @typedef {import("./game.js").Game} Game */
 /** @typedef {import("./game.js").Answer} Answer */
@@ -115,7 +115,7 @@ export class Hands {
     const { state, me } = this.game;
     if (button === "middle") this.signal("look");
     else if (button === "right" && state && scene(state).get(me)?.at === target) this.use("");
-    else this.ask(this.queue.click(this.controls, target, button, this.view()));
+    else this.around.notify(this.queue.click(this.controls, target, button, this.view()));
     if (event.pointerType !== "mouse") this.kitchen.hover = null;
   }
 
@@ -158,8 +158,8 @@ export class Hands {
     else if (key === "escape") queue.clear();
     else if (game.me === null) return false;
     else if (USE.includes(key)) again || this.use(name);
-    else if (controls.keys.includes(name)) again || this.ask(queue.key(controls, name, this.view()));
-    else if (direction) again || this.ask(queue.walk(controls, direction, key, this.view()));
+    else if (controls.keys.includes(name)) again || this.around.notify(queue.key(controls, name, this.view()));
+    else if (direction) again || this.around.notify(queue.walk(controls, direction, key, this.view()));
     else if (SIGNALS[Number(key) - 1]) again || this.signal(SIGNALS[Number(key) - 1]);
     else return false;
     return true;
@@ -172,12 +172,7 @@ export class Hands {
 
   /** Do the most useful thing here. @param {string} key */
   use(key) {
-    this.ask(this.queue.use(this.controls, key, this.view()));
-  }
-
-  /** Show the notice of an input, if it has one. @param {string} notice */
-  ask(notice) {
-    this.around.notify(notice);
+    this.around.notify(this.queue.use(this.controls, key, this.view()));
   }
 
   /** @param {string} intent */
@@ -202,7 +197,7 @@ export class Hands {
   tick() {
     const { state, me } = this.game;
     if (!state || !me) return;
-    this.ask(this.queue.tick(this.view()));
+    this.around.notify(this.queue.tick(this.view()));
     const { sent } = this.queue;
     const station = sent && (sent.action.destination ?? scene(state).get(me)?.at);
     this.kitchen.mark = sent && station ? { station, fate: sent.fate } : null;
@@ -239,7 +234,7 @@ export class Hands {
     if (!state || !me) return;
     /** @type {[string, string][]} */
     let rows = [];
-    if (busy) rows = [["", text("busy", { steps: busy })]];
+    if (busy) rows = [["", text("busy", { time: duration(busy, this.game.stepSeconds) })]];
     else if (this.game.running) rows = this.controls.hints(state, me, "E");
     // There is nothing to do here: newcomers need to know how to walk.
     if (this.game.running && !rows.length) {
@@ -267,7 +262,7 @@ export class Hands {
       const button = /** @type {HTMLButtonElement} */ (row.firstElementChild);
       setText(button, words);
       button.onclick = (event) => {
-        this.ask(this.queue.pick(action, words, this.view()));
+        this.around.notify(this.queue.pick(action, words, this.view()));
         if (event.detail > 0) byId("kitchen").focus();
       };
       rows.set(action.key, row);

@@ -15,10 +15,9 @@ const RETRY_MS = 1000;
 
 /**
  * Return the look of a task, with its pictures, words and key bindings.
- * @param {Task} task @param {Ask} ask
+ * @param {Task} task @param {Message} own The answer to `get_rendering`. @param {Ask} ask
  */
-export async function loadLook(task, ask) {
-  const own = await ask({ type: "get_rendering" });
+export async function loadLook(task, own, ask) {
   const { rendering, bindings } = own.rendering
     ? { rendering: own.rendering, bindings: own.bindings ?? {} }
     : await shippedLook(task.domain.name);

@@ -7,6 +7,8 @@ import { text } from "./texts.js";
 /** @typedef {import("./game.js").Game} Game */
 /** @typedef {import("./game.js").Seat} Seat */
 const MAX_LINES = 200;
+/** Newest lines among which equal ones are shown once. */
+const GROUPED = 6;
 
 /** Return a seat's mark, as in the kitchen: a shape of its own in its colour. @param {number} seat */
 export const seatMark = (seat) => element("img", { class: "mark", src: badgeURL(seat), alt: "" });
@@ -43,14 +45,21 @@ export class Chat {
     new ResizeObserver(() => this.showEnd()).observe(this.lines);
   }
 
-  /** @param {string} name @param {string} said */
+  /** Show a line. It replaces an equal one among the newest. @param {string} name @param {string} said */
   say(name, said) {
-    this.add(element("p", {}, element("b", {}, `${name}: `), said));
+    const words = `${name}: ${said}`;
+    const newest = /** @type {HTMLElement[]} */ ([...this.lines.children].slice(-GROUPED));
+    const before = newest.find((line) => line.dataset.said === words);
+    before?.remove();
+    const times = Number(before?.dataset.times ?? 0) + 1;
+    const line = element("p", {}, element("b", {}, `${name}: `), said, times > 1 && ` ×${times}`);
+    Object.assign(line.dataset, { said: words, times });
+    this.add(line);
   }
 
   /** @param {string} what */
   happened(what) {
-    this.add(element("p", { class: "happened" }, what));
+    this.add(element("p", { class: "faint" }, what));
   }
 
   /** @param {HTMLElement} line */

@@ -170,7 +170,9 @@ export class Session {
   async furnish() {
     const { task } = this.game;
     if (!task) return;
-    const look = await loadLook(task, (message) => this.ask(message));
+    const own = await this.ask({ type: "get_rendering" });
+    this.game.stars = own.stars ?? null;
+    const look = await loadLook(task, own, (message) => this.ask(message));
     if (this.over) return;
     const canvas = /** @type {HTMLCanvasElement} */ (byId("kitchen"));
     this.kitchen = new Kitchen(canvas, task, look, this.game.me);
@@ -181,6 +183,7 @@ export class Session {
       notify: (/** @type {string} */ words) => this.notify(words),
       signal: this.abort.signal,
     });
+    this.cover.purposes = this.hands.wording.purposes();
     this.show();
     this.roster();
   }
@@ -252,7 +255,7 @@ export class Session {
 
   statusWords() {
     const { game } = this;
-    if (game.outcome) return outcomeWords(game.outcome);
+    if (game.outcome) return outcomeWords(game.outcome, game.stepSeconds);
     if (!this.connection?.online) return text(game.state ? "offline" : "connecting");
     if (game.phase === "paused") return text("paused");
     if (game.phase === "waiting") return waiting(game);
@@ -302,12 +305,13 @@ export class Session {
   }
 
   ended() {
+    byId("actions").hidden = true;
     this.show();
     this.progress();
     this.hands?.stepped();
     this.status();
-    const { outcome, episode, me } = this.game;
-    this.speak(outcomeWords(outcome));
+    const { outcome, episode, me, stepSeconds } = this.game;
+    this.speak(outcomeWords(outcome, stepSeconds));
     tellParent("ended", { episode, seat: me, outcome });
   }
 
@@ -421,6 +425,7 @@ export class Session {
     const words = detail ? text(detail) : reason;
     const cover = byId("cover");
     cover.hidden = false;
+    cover.className = "";
     const choices = element("p", { class: "buttons" });
     if (retry === "watch") choices.append(button(text("watch"), () => this.exits.watch(), true));
     else if (retry) {
@@ -458,7 +463,7 @@ const SEATLESS = new Set([
 const FAREWELLS = new Map([
   ["session/elsewhere", ["elsewhere", "elsewhereDetail", "playHere"]],
   ["episode/unknown", ["unknown", "unknownDetail", "again"]],
-  ["episode/ended", ["over", "", ""]],
+  ["episode/ended", ["ended", "", ""]],
   ["episode/full", ["full", "fullDetail", "watch"]],
   ["seat/taken", ["taken", "takenDetail", "watch"]],
   ["seat/partial", ["partial", "partialDetail", ""]],
@@ -466,10 +471,8 @@ const FAREWELLS = new Map([
   ["server/stopped", ["stopped", "", "again"]],
   ["page/files", ["files", "filesDetail", "again"]],
   ["protocol/version", ["version", "versionDetail", "again"]],
-  ["auth/required", ["token", "tokenDetail", ""]],
-  ["auth/invalid", ["token", "tokenDetail", ""]],
-  ["auth/expired", ["token", "tokenDetail", ""]],
-  ["auth/revoked", ["token", "tokenDetail", ""]],
+  .../** @type {[string, [string, string, string]][]} */ (["required", "invalid", "expired", "revoked"]
+    .map((code) => [`auth/${code}`, ["token", "tokenDetail", ""]])),
 ]);
 
 /** Return the news between two rosters of a seat. */

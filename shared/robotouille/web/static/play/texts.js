@@ -55,6 +55,13 @@ export function clock(seconds) {
   return hours ? `${hours}:${short}` : short;
 }
 
+/**
+ * Return the time that some steps take, or their number if the clock waits for decisions.
+ * @param {number} steps @param {number | null} stepSeconds
+ */
+export const duration = (steps, stepSeconds) => stepSeconds === null
+  ? text("someSteps", { steps }) : text("seconds", { seconds: Math.ceil(steps * stepSeconds) });
+
 /** Return names as a list, such as `Ada, Ben, Cem`. @param {string[]} names */
 export const listed = (names) =>
   new Intl.ListFormat(document.documentElement.lang, { type: "conjunction" }).format(names);

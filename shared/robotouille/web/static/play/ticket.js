@@ -5,7 +5,7 @@ import { pictureURL } from "../kitchen/pictures.js";
 import { Goal } from "../rules/goal.js";
 import { capitalised } from "../rules/words.js";
 import { byId, element, setText } from "./dom.js";
-import { text } from "./texts.js";
+import { duration, text } from "./texts.js";
 
 /** @typedef {Pick<import("./game.js").Game, "task" | "state" | "step" | "stepSeconds">} Game */
 /** @typedef {import("../kitchen/look.js").Look} Look */
@@ -184,11 +184,8 @@ class Orders {
   showOrder(number, left) {
     const slip = this.slips.get(number) ?? this.newSlip(number, left);
     slip.bar.value = left;
-    const seconds = this.game.stepSeconds;
     setText(slip.worth, `+${slip.points + Math.floor((slip.tip * Math.max(0, left)) / slip.bar.max)}`);
-    setText(slip.left, seconds === null
-      ? text("leftSteps", { steps: left })
-      : text("left", { seconds: Math.ceil(left * seconds) }));
+    setText(slip.left, text("timeLeft", { time: duration(left, this.game.stepSeconds) }));
     slip.root.classList.toggle("urgent", left < URGENT * slip.bar.max);
   }
 

@@ -52,9 +52,8 @@ export class LiveKitchen {
 
   async furnish() {
     const task = new Task(this.tables.task);
-    const look = await loadLook(task, async ({ type, digest }) =>
-      type === "get_rendering" ? { type, ...this.tables.look }
-        : { type: "picture", ...await this.get(`pictures/${digest}`) });
+    const look = await loadLook(task, this.tables.look, async ({ digest }) =>
+      ({ type: "picture", ...await this.get(`pictures/${digest}`) }));
     if (this.closed) return;
     this.kitchen = new Kitchen(this.canvas, task, look);
     this.kitchen.fit();
