@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, generate_latest
 from prometheus_client.core import (
@@ -17,6 +17,8 @@ from prometheus_client.registry import Collector
 from robotouille.episode import Reason
 from robotouille.protocol.error_codes import ErrorCode
 
+PREFIX = "robotouille_"
+"""Beginning of the names of all metrics."""
 DROPPED = (
     "silent",
     "stalled",
@@ -56,7 +58,7 @@ class Durations:
         for bound, count in zip([*map(str, BUCKETS), "+Inf"], self.counts, strict=True):
             below += count
             rows.append((bound, below))
-        return HistogramMetricFamily(name, text, buckets=rows, sum_value=self.total)
+        return HistogramMetricFamily(PREFIX + name, text, buckets=rows, sum_value=self.total)
 
 
 class ClusterMetrics:
@@ -71,28 +73,20 @@ class ClusterMetrics:
 
     def collect(self) -> Iterator[Metric]:
         """Yield the metrics."""
-        yield GaugeMetricFamily(
-            "robotouille_cluster_nodes", "Nodes that are alive, as this node sees them", self.nodes
-        )
-        yield GaugeMetricFamily(
-            "robotouille_cluster_lease_age_seconds",
+        yield _gauge("cluster_nodes", "Nodes that are alive, as this node sees them", self.nodes)
+        yield _gauge(
+            "cluster_lease_age_seconds",
             "Seconds since this node's lease was renewed",
             self.lease_age,
         )
-        yield GaugeMetricFamily(
-            "robotouille_cluster_uncommitted",
+        yield _gauge(
+            "cluster_uncommitted",
             "Episodes that wait for a quorum for more than half a second",
             self.uncommitted,
         )
-        yield CounterMetricFamily(
-            "robotouille_cluster_takeovers", "Episodes taken over", value=self.takeovers
-        )
-        yield CounterMetricFamily(
-            "robotouille_cluster_fenced", "Episodes lost to other nodes", value=self.fenced
-        )
-        yield self.commit.family(
-            "robotouille_cluster_commit_seconds", "Time until a quorum has a write"
-        )
+        yield _total("cluster_takeovers", "Episodes taken over", self.takeovers)
+        yield _total("cluster_fenced", "Episodes lost to other nodes", self.fenced)
+        yield self.commit.family("cluster_commit_seconds", "Time until a quorum has a write")
 
 
 class Metrics(Collector):
@@ -118,46 +112,31 @@ class Metrics(Collector):
         self.age = Durations()
         self.cluster: ClusterMetrics | None = None
         self._recent: tuple[float, bytes] | None = None
-        self.connections = Gauge(
-            "robotouille_connections", "Open connections", registry=self.registry
+        self.connections = self._gauge("connections", "Open connections")
+        self.episodes = self._gauge("episodes", "Episodes that have not ended")
+        self.failing = self._gauge(
+            "failing_recordings", "Episodes paused because their recording cannot be written"
         )
-        self.episodes = Gauge(
-            "robotouille_episodes", "Episodes that have not ended", registry=self.registry
+        self.errors = self._counter("errors", "Error messages sent, by code", "code")
+        self.dropped = self._counter(
+            "dropped_connections", "Connections closed by the server, by reason", "reason"
         )
-        self.failing = Gauge(
-            "robotouille_failing_recordings",
-            "Episodes paused because their recording cannot be written",
-            registry=self.registry,
+        self.outcomes = self._counter("outcomes", "Episodes ended, by outcome", "reason")
+        self.snapshots = self._counter(
+            "catch_up_snapshots", "Snapshots sent instead of deltas to clients that fell behind"
         )
-        self.errors = Counter(
-            "robotouille_errors", "Error messages sent, by code", ["code"], registry=self.registry
-        )
-        self.dropped = Counter(
-            "robotouille_dropped_connections",
-            "Connections closed by the server, by reason",
-            ["reason"],
-            registry=self.registry,
-        )
-        self.outcomes = Counter(
-            "robotouille_outcomes", "Episodes ended, by outcome", ["reason"], registry=self.registry
-        )
-        self.snapshots = Counter(
-            "robotouille_catch_up_snapshots",
-            "Snapshots sent instead of deltas to clients that fell behind",
-            registry=self.registry,
-        )
-        self.resumed = Counter(
-            "robotouille_resumed_connections",
-            "Connections resumed by clients",
-            registry=self.registry,
-        )
-        self.restored = Counter(
-            "robotouille_restored_episodes",
-            "Episodes restored from their recordings at startup",
-            registry=self.registry,
+        self.resumed = self._counter("resumed_connections", "Connections resumed by clients")
+        self.restored = self._counter(
+            "restored_episodes", "Episodes restored from their recordings at startup"
         )
         self.registry.register(self)
         self._begin_at_zero()
+
+    def _gauge(self, name: str, text: str) -> Gauge:
+        return Gauge(PREFIX + name, text, registry=self.registry)
+
+    def _counter(self, name: str, text: str, *labels: str) -> Counter:
+        return Counter(PREFIX + name, text, labels, registry=self.registry)
 
     def _begin_at_zero(self) -> None:
         # Prometheus sees no increase in a series that begins with its first event, so an alert
@@ -171,67 +150,49 @@ class Metrics(Collector):
 
     def collect(self) -> Iterator[Metric]:
         """Yield the plain numbers as metrics."""
-        yield CounterMetricFamily("robotouille_steps", "Steps taken", value=self.steps)
-        moves = CounterMetricFamily("robotouille_moves", "Actions, by result", labels=["result"])
-        moves.add_metric(["applied"], self.applied)
-        moves.add_metric(["rejected"], self.rejected)
-        yield moves
-        yield CounterMetricFamily(
-            "robotouille_received_messages", "Messages received", value=self.received
-        )
-        yield CounterMetricFamily(
-            "robotouille_sent_messages", "Messages sent", value=self.sent_messages
-        )
-        yield CounterMetricFamily(
-            "robotouille_sent_bytes", "Bytes of messages sent", value=self.sent_bytes
-        )
-        yield CounterMetricFamily(
-            "robotouille_suppressed_log_lines",
+        yield _total("steps", "Steps taken", self.steps)
+        moves = {"applied": self.applied, "rejected": self.rejected}
+        yield _totals("moves", "Actions, by result", "result", moves)
+        yield _total("received_messages", "Messages received", self.received)
+        yield _total("sent_messages", "Messages sent", self.sent_messages)
+        yield _total("sent_bytes", "Bytes of messages sent", self.sent_bytes)
+        yield _total(
+            "suppressed_log_lines",
             "Log lines suppressed because similar lines are too frequent",
-            value=self.log_suppressed,
+            self.log_suppressed,
         )
+        yield from self._mqtt()
+        yield _gauge("disk_free_bytes", "Free bytes on the recordings' disk", self.disk_free)
+        yield _gauge("open_descriptors", "Open file descriptors", self.descriptors)
+        yield _gauge("max_descriptors", "Maximum number of file descriptors", self.max_descriptors)
+        yield _gauge(
+            "busiest_participant_bytes_per_second",
+            "Bytes per second from the participant who sends most",
+            self.busiest_participant,
+        )
+        yield self.lateness.family("step_lateness_seconds", "Delay of scheduled steps")
+        yield self.age.family(
+            "delta_age_seconds",
+            "Time from taking a step to sending its last delta, recording included",
+        )
+        if self.cluster is not None:
+            yield from self.cluster.collect()
+
+    def _mqtt(self) -> Iterator[Metric]:
         # Without `--mqtt` there is no value, so that the alert on a lost broker does not fire.
-        yield _known(
-            "robotouille_mqtt_connected",
+        yield _gauge(
+            "mqtt_connected",
             "1 while the server is connected to the MQTT broker",
             self.mqtt_connected,
         )
-        yield CounterMetricFamily(
-            "robotouille_mqtt_published",
-            "Messages published to the MQTT broker",
-            value=self.mqtt_published,
-        )
-        dropped = CounterMetricFamily(
-            "robotouille_mqtt_dropped",
-            "Steps and messages not published over MQTT, and commands not read",
-            labels=["what"],
-        )
-        dropped.add_metric(["steps"], self.mqtt_dropped_steps)
-        dropped.add_metric(["messages"], self.mqtt_dropped_messages)
-        dropped.add_metric(["commands"], self.mqtt_dropped_commands)
-        yield dropped
-        yield _known(
-            "robotouille_disk_free_bytes", "Free bytes on the recordings' disk", self.disk_free
-        )
-        yield _known("robotouille_open_descriptors", "Open file descriptors", self.descriptors)
-        yield _known(
-            "robotouille_max_descriptors",
-            "Maximum number of file descriptors",
-            self.max_descriptors,
-        )
-        yield GaugeMetricFamily(
-            "robotouille_busiest_participant_bytes_per_second",
-            "Bytes per second from the participant who sends most",
-            value=self.busiest_participant,
-        )
-        yield self.lateness.family("robotouille_step_lateness_seconds", "Delay of scheduled steps")
-        yield self.age.family(
-            "robotouille_delta_age_seconds",
-            "Time from taking a step to sending its last delta, recording included",
-        )
-
-        if self.cluster is not None:
-            yield from self.cluster.collect()
+        yield _total("mqtt_published", "Messages published to the MQTT broker", self.mqtt_published)
+        dropped = {
+            "steps": self.mqtt_dropped_steps,
+            "messages": self.mqtt_dropped_messages,
+            "commands": self.mqtt_dropped_commands,
+        }
+        text = "Steps and messages not published over MQTT, and commands not read"
+        yield _totals("mqtt_dropped", text, "what", dropped)
 
     def page(self) -> bytes:
         """Return the metrics in the exposition format."""
@@ -244,9 +205,20 @@ class Metrics(Collector):
         return self._recent[1]
 
 
-def _known(name: str, text: str, value: int | None) -> GaugeMetricFamily:
+def _total(name: str, text: str, value: float) -> CounterMetricFamily:
+    return CounterMetricFamily(PREFIX + name, text, value=value)
+
+
+def _totals(name: str, text: str, label: str, values: Mapping[str, float]) -> CounterMetricFamily:
+    family = CounterMetricFamily(PREFIX + name, text, labels=[label])
+    for key, value in values.items():
+        family.add_metric([key], value)
+    return family
+
+
+def _gauge(name: str, text: str, value: float | None) -> GaugeMetricFamily:
     """Return a gauge, without a value if the value is unknown."""
-    family = GaugeMetricFamily(name, text)
+    family = GaugeMetricFamily(PREFIX + name, text)
     if value is not None:
         family.add_metric([], value)
     return family
