@@ -13,6 +13,7 @@ from sqlalchemy.engine import URL
 
 from robotouille.files.writing import whole_file
 from robotouille.html_report import require_libraries
+from robotouille.html_report.figures import ReportFigure
 from robotouille.html_report.page import (
     Block,
     Cell,
@@ -136,6 +137,11 @@ def _about(options: ReportOptions) -> str:
     return f"{chosen}, with {labels}" if labels else chosen
 
 
+def _with_figures(figures: Mapping[str, ReportFigure], table: Table, *names: str) -> list[Block]:
+    """Return the figures that exist, then their table."""
+    return [*(figures[name] for name in names if name in figures), table]
+
+
 def _counted(count: int, noun: str) -> str:
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
@@ -185,17 +191,19 @@ class _Content:
             )
 
     def sections(self, progress: Progress) -> Iterator[Section]:
-        shown, by = self.groups.shown, self.options.by
         progress("figures", 0, 1)
-        figures = all_figures(shown)
+        figures = all_figures(self.groups.shown)
         progress("figures", 1, 1)
+        yield from self._results(figures)
+        yield from self._behaviour(figures)
+        yield from self._events()
+        yield Section("left-out", "Omissions", "", [Remarks(list(self._omitted()))])
 
-        def with_figures(table: Table, *names: str) -> list[Block]:
-            return [*(figures[name] for name in names if name in figures), table]
-
+    def _results(self, figures: Mapping[str, ReportFigure]) -> Iterator[Section]:
+        shown, by = self.groups.shown, self.options.by
         yield Section(
             "episodes", "Episodes", f"Number of episodes by the label “{by}”.",
-            with_figures(tables.episodes_table(self.groups, by)),
+            [tables.episodes_table(self.groups, by)],
         )  # fmt: skip
         yield Section(
             "outcomes", "Outcomes",
@@ -204,7 +212,7 @@ class _Content:
             "success assume independent episodes, so they are too narrow if a pair plays several. "
             "The optimality rate is steps / fewest steps, for tasks whose shortest plan is known; "
             "1 is best.",
-            with_figures(tables.outcomes_table(shown, by), "outcomes"),
+            _with_figures(figures, tables.outcomes_table(shown, by), "outcomes"),
         )  # fmt: skip
         if any(each.score is not None for group in shown for each in group.episodes):
             yield Section(
@@ -212,8 +220,11 @@ class _Content:
                 "Shifts have no goal, so they are not in the table above. Points and their share "
                 "of the upper bound are medians with 95 % bootstrap intervals. The upper bound "
                 "counts every order as served in the step after its arrival.",
-                with_figures(tables.scores_table(shown, by)),
+                [tables.scores_table(shown, by)],
             )  # fmt: skip
+
+    def _behaviour(self, figures: Mapping[str, ReportFigure]) -> Iterator[Section]:
+        shown, by = self.groups.shown, self.options.by
         yield Section(
             "activities", "Activities",
             "Idle: the seat could act but had no action. Waiting: its action was rejected, it was "
@@ -221,7 +232,7 @@ class _Content:
             "so compare the sum of both between people and bots. Steps of a substitute do not "
             "count for the participant. Rejected and lost actions and messages are means per seat "
             "and episode.",
-            with_figures(tables.activities_table(shown, by), "activities"),
+            _with_figures(figures, tables.activities_table(shown, by), "activities"),
         )  # fmt: skip
         yield Section(
             "spread", "Inactive shares and decision times",
@@ -230,18 +241,21 @@ class _Content:
             "seat would have left less work (only after `data index --useful`). The seats of a "
             "pair are correlated, so the bootstrap draws pairs. In real time, a decision time "
             "includes the time in which the participant only watched.",
-            with_figures(tables.spread_table(shown, by), "idle", "decisions"),
+            _with_figures(figures, tables.spread_table(shown, by), "idle", "decisions"),
         )  # fmt: skip
         if "rounds" in figures:
             yield Section(
                 "rounds", "Learning over rounds",
                 "A falling line on the left is a group that becomes faster. Pairs may have played "
                 "different numbers of rounds; the table has the counts.",
-                with_figures(tables.rounds_table(shown, by), "rounds"),
+                _with_figures(figures, tables.rounds_table(shown, by), "rounds"),
             )  # fmt: skip
         else:
             hint = "Not shown: this section needs a label “round” with at least two numbers."
             yield Section("rounds", "Learning over rounds", hint, [])
+
+    def _events(self) -> Iterator[Section]:
+        shown, by = self.groups.shown, self.options.by
         yield Section(
             "time-lines", "Time lines",
             "A long stretch of one colour on both lanes is time without progress. Many ticks in a "
@@ -253,7 +267,7 @@ class _Content:
             "interruptions", "Absences and interruptions",
             "A participant is absent after losing the connection or leaving. The seat is then "
             "away, or a substitute plays it.",
-            with_figures(tables.interruptions_table(shown, self.facts, by)),
+            [tables.interruptions_table(shown, self.facts, by)],
         )  # fmt: skip
         yield Section(
             "recordings", "Recordings",
@@ -261,7 +275,6 @@ class _Content:
             "recording, `replay notes` lists its events, and `replay verify` simulates it again.",
             [_recordings(group, self.folder) for group in shown],
         )  # fmt: skip
-        yield Section("left-out", "Omissions", "", [Remarks(list(self._omitted()))])
 
     def _time_lines(self) -> Iterator[Block]:
         steps = [line.episode.steps for lines in self.time_lines for line in lines]
