@@ -18,7 +18,7 @@ from robotouille.replay.container import (
     pack_frame,
     read_frames,
 )
-from robotouille.replay.frame_schema import MAX_TEXT
+from robotouille.replay.frame_schema import MAX_ARGUMENTS, MAX_NAME, MAX_TEXT
 from robotouille.replay.payloads import MAX_ENTRIES
 from robotouille.replay.recording import Recording, recording_of
 from tests.support.games import recorded_game
@@ -126,6 +126,47 @@ def test_recording_with_too_many_changes_is_refused(monkeypatch: pytest.MonkeyPa
     assert Recording(BEGINNING + b"".join(steps[:4])).length == 9
     with pytest.raises(RecordingError, match="more than 1,000 changes of facts"):
         Recording(BEGINNING + b"".join(steps))
+
+
+def test_recording_with_too_many_created_objects_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(container, "MAX_CREATED", 30)
+    created = {"objects": [["x", "y", "z"]] * 5, "atoms": [[1]] * 5}
+    steps = [
+        pack_frame({"kind": "step", "step": number, "t": 0, "moves": [], **created})
+        for number in range(6, 10)
+    ]
+    assert Recording(BEGINNING + b"".join(steps[:3])).length == 8
+    with pytest.raises(RecordingError, match="more than 30 created objects and facts"):
+        Recording(BEGINNING + b"".join(steps))
+
+
+@pytest.mark.parametrize(
+    "move",
+    [
+        {"player": "x" * (MAX_NAME + 1), "action": ["wait"]},
+        {"player": "robot1", "action": ["wait", "x" * (MAX_NAME + 1)]},
+        {"player": "robot1", "action": ["wait"] * (MAX_ARGUMENTS + 1)},
+    ],
+)
+def test_long_names_in_moves_are_refused(move: dict[str, object]) -> None:
+    step = {"kind": "step", "step": 6, "t": 0, "moves": [{**move, "seq": 0, "ms": 0}]}
+    with pytest.raises(RecordingError, match="should have at most"):
+        Recording(BEGINNING + pack_frame(step))
+
+
+def test_decompressed_stream_is_in_memory_once() -> None:
+    note = {"note": "noted", "t": 0, "player": "robot1", "topic": "x", "text": "x" * 8000}
+    stream = BEGINNING + pack_frame({"kind": "notes", "notes": [note] * 50}) * 40
+    content = compress(stream)
+    tracemalloc.start()
+    try:
+        assert plain(content)[0] == stream
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 1.3 * len(stream)
 
 
 def test_long_text_is_refused() -> None:

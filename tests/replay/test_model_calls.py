@@ -145,6 +145,15 @@ def test_calls_of_a_seat_are_bounded_in_total(monkeypatch: pytest.MonkeyPatch) -
     assert len(list(model_calls(course.recording()))) == 2
 
 
+def test_endless_note_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reading, "MAX_CALL_NOTE", 1000)
+    course, notes = Course(), CallNotes()
+    course.note(notes.note([("user", "x" * 2000)], answer="a"), piece=100)
+    course.note(notes.note([("user", "y")], answer="b"), piece=100)
+    (call,) = model_calls(course.recording())
+    assert (call.rest["answer"], call.missed) == ("b", 1)
+
+
 @thorough(40)
 @given(st.integers(1, 4))
 def test_lost_piece_loses_only_its_own_call(kept: int) -> None:

@@ -13,7 +13,7 @@ import typer
 
 from robotouille.certification.certificate import Deadline
 from robotouille.errors import RobotouilleError
-from robotouille.files.writing import check_file, replace_file
+from robotouille.files.writing import check_file, replace_file, whole_file
 from robotouille.planning.steps_to_go import StepsLeft
 from robotouille.replay.annotations import agreement, read_annotations, read_codebook
 from robotouille.replay.annotations import rows as agreement_rows
@@ -84,12 +84,16 @@ class LookOptions:
 
 
 def _open(file: Path, *, damaged: bool = False) -> Recording:
+    recording, why = None, ""
     try:
         recording = read_recording(file, damaged=damaged)
     except RobotouilleError as error:
+        why = explain(error)
+    # After the block, the error no longer keeps in memory what was read.
+    if recording is None:
         # Of some damaged files nothing can be read, not even with the option.
         hint = "" if damaged or not _is_readable(file) else "; --damaged reads what is before it"
-        fail(f"{explain(error)}{hint}")
+        fail(f"{why}{hint}")
     _report_damage(file, recording)
     return recording
 
@@ -176,11 +180,14 @@ def verify(files: Annotated[list[Path], typer.Argument(help="Recordings.")]) -> 
     """
     failed = False
     for file in files:
+        why = ""
         try:
             result = read_recording(file).verify()
         except RobotouilleError as error:
+            why = explain(error)
+        if why:
             near = f"; `robotouille replay info {file} --damaged` shows what is before it"
-            tell(printable(f"{explain(error)}{near if _is_readable(file) else ''}"), err=True)
+            tell(printable(f"{why}{near if _is_readable(file) else ''}"), err=True)
             failed = True
             continue
         cut = "" if result.complete else f" ({no_outcome(file)})"
@@ -247,12 +254,13 @@ def export(
     try:
         if out is not None:
             check_file(out)
-        recording = _open(file, damaged=damaged)
-        lines = "".join(f"{line}\n" for line in json_lines(recording, texts=texts))
+        lines = json_lines(_open(file, damaged=damaged), texts=texts)
         if out is None:
-            sys.stdout.write(printable_json(lines))
-        else:
-            replace_file(out, lines)
+            for line in lines:
+                sys.stdout.write(f"{printable_json(line)}\n")
+            return
+        with whole_file(out) as file_out:
+            file_out.writelines(f"{line}\n" for line in lines)
     except (OSError, RobotouilleError) as error:
         fail(explain(error))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from io import BytesIO
 
 from robotouille.errors import RecordingError
 from robotouille.replay.container import (
@@ -102,21 +103,23 @@ def plain(content: bytes, limit: int = MAX_FILE) -> tuple[bytes, str]:
 
 
 def _decompressed(content: bytes, limit: int) -> tuple[bytes, str]:
-    found: list[bytes] = []
+    # Its value is not copied, as that of a list of pieces would be.
+    found, fault = BytesIO(), ""
     try:
         failed = _inflate(content, found, len(content), limit)
         if failed < len(content):
             # Nothing comes out of a piece that contains damage. A second pass, byte by byte in
             # that piece, finds what stands before the damage.
-            found.clear()
+            found.seek(0)
+            found.truncate()
             _inflate(content, found, failed, limit)
-            return b"".join(found), "damaged: the compressed stream is invalid"
+            fault = "damaged: the compressed stream is invalid"
     except RecordingError as error:
-        return b"".join(found), str(error)
-    return b"".join(found), ""
+        fault = str(error)
+    return found.getvalue(), fault
 
 
-def _inflate(content: bytes, found: list[bytes], intact_bytes: int, limit: int) -> int:
+def _inflate(content: bytes, found: BytesIO, intact_bytes: int, limit: int) -> int:
     """Decompress in pieces, after the first `intact_bytes` byte by byte.
 
     Returns:
@@ -137,17 +140,15 @@ def _inflate(content: bytes, found: list[bytes], intact_bytes: int, limit: int) 
     return len(content)
 
 
-def _feed(
-    decompressor: zstd.ZstdDecompressor, piece: bytes, found: list[bytes], limit: int
-) -> None:
+def _feed(decompressor: zstd.ZstdDecompressor, piece: bytes, found: BytesIO, limit: int) -> None:
     # A decompression bomb is noticed by its first bytes or by its size, before it fills memory.
     while piece or not (decompressor.needs_input or decompressor.eof):
         more = decompressor.decompress(piece, max_length=PLAIN_PIECE)
         piece = b""
         if not more:
             continue
-        found.append(more)
-        if not found[0].startswith(MAGIC[: min(4, len(found[0]))]):
-            raise RecordingError(other_content(found[0]))
-        if len(found) * PLAIN_PIECE > limit and sum(map(len, found)) > limit:
+        if not found.tell() and not more.startswith(MAGIC[: min(4, len(more))]):
+            found.write(more)
+            raise RecordingError(other_content(more))
+        if found.write(more) and found.tell() > limit:
             raise RecordingError(f"damaged: more than {limit:,} bytes, uncompressed")

@@ -49,6 +49,9 @@ shipped tasks, a reason takes 60 bytes or more, and an object 16 in the text and
 do not reach this. Other tasks may have shorter words."""
 MAX_CHANGES = 25_000_000
 """Entries of `add` and `remove` in all steps of a recording. Games have about ten in a step."""
+MAX_CREATED = 100_000
+"""Entries of `objects` and `atoms` in all steps of a recording. Play creates objects with 12,000
+facts at most."""
 
 WHOLE = 4 * 1024
 """Bytes of a payload that is decoded as a whole: to look for single fields would be slower."""
@@ -193,6 +196,7 @@ class Totals:
     notes: int = 0
     reasons: int = 0
     changes: int = 0
+    created: int = 0
 
     def add(self, frame: Mapping[str, Any]) -> None:
         """Count a frame, which need not be valid."""
@@ -202,6 +206,7 @@ class Totals:
             self.reasons += _reasons_in(frame)
         else:
             self.changes += _length(frame.get("add")) + _length(frame.get("remove"))
+            self.created += _length(frame.get("objects")) + _length(frame.get("atoms"))
 
     def check(self) -> None:
         """Raise RecordingError if a limit is exceeded. The number of frames is checked before."""
@@ -211,6 +216,8 @@ class Totals:
             raise RecordingError(f"damaged: more than {MAX_REASONS:,} reasons for rejections")
         if self.changes > MAX_CHANGES:
             raise RecordingError(f"damaged: more than {MAX_CHANGES:,} changes of facts")
+        if self.created > MAX_CREATED:
+            raise RecordingError(f"damaged: more than {MAX_CREATED:,} created objects and facts")
 
 
 def _length(value: object) -> int:

@@ -143,7 +143,8 @@ def json_lines(recording: Recording, *, texts: bool = False) -> Iterator[str]:
         for player, (name, kind) in recording.participants.items()
     }
     yield _line(head)
-    in_control = controllers(recording)
+    in_control = seatings(recording)
+    next(in_control)
     each_activity = activities(recording)
     states = recording.states()
     before = next(states)[1]
@@ -157,7 +158,9 @@ def json_lines(recording: Recording, *, texts: bool = False) -> Iterator[str]:
             row = _step(recording, frame, before, state, texts)
             _, did = next(each_activity)
             told = {"activities": did.did, "busy": did.busy}
-            yield _line({**row, "controllers": in_control[frame["step"]], **told})
+            _, seats = next(in_control)
+            controlled = {player: seating.controller for player, seating in seats.items()}
+            yield _line({**row, "controllers": controlled, **told})
             before = state
         elif frame["kind"] == "footer":
             yield _line({"kind": "outcome", **frame["outcome"]})

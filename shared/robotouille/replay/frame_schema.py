@@ -100,7 +100,13 @@ MAX_TEXT = 500_000
 """Characters of a text in a note or a move. The server accepts 8,000; runs may record more."""
 Players = Field(max_length=MAX_PLAYERS)
 Busy = Annotated[dict[str, int], Players]
+MAX_NAME = 1_000
+"""Characters of a name: of a participant, a session, an object or a reason for a pause. Readers
+repeat names for each step."""
+MAX_ARGUMENTS = 64
+"""Name and arguments of an action."""
 Text = Annotated[str, Field(max_length=MAX_TEXT)]
+Name = Annotated[str, Field(max_length=MAX_NAME)]
 Reasons = Annotated[list[Text], Field(max_length=MAX_REASONS)]
 ObjectRow = Annotated[list[str], Field(min_length=3, max_length=3)]
 
@@ -174,8 +180,8 @@ class StateFrame(Frame):
 
 
 class RecordedMove(Frame):
-    player: str
-    action: Annotated[list[str], Field(min_length=1)]
+    player: Name
+    action: Annotated[list[Name], Field(min_length=1, max_length=MAX_ARGUMENTS)]
     seq: int
     ms: int
     basis: Index = -1
@@ -263,16 +269,16 @@ class DatedNote(NoteFields):
 
 class RosterNote(DatedNote):
     note: Literal["roster"]
-    player: Text
-    name: Text
-    kind: Text
+    player: Name
+    name: Name
+    kind: Name
     present: bool
     taken: bool
-    controller: Text
-    session: Text
-    participant: Text
+    controller: Name
+    session: Name
+    participant: Name
     generation: int
-    why: str = ""
+    why: Name = ""
     agent: Annotated[str, Field(max_length=200)] = ""
 
 
@@ -349,7 +355,7 @@ class ModeratedNote(NoteFields):
 
 class PausedNote(DatedNote):
     note: Literal["paused"]
-    holds: Annotated[list[str], Field(max_length=MAX_HOLDS)]
+    holds: Annotated[list[Name], Field(max_length=MAX_HOLDS)]
 
 
 class ResumedNote(DatedNote):

@@ -205,7 +205,7 @@ def _note(
     people: dict[str, tuple[str, str]],
 ) -> None:
     for note in notes:
-        if note["note"] == "roster" and note["name"]:
+        if note["note"] == "roster" and note["name"] and note["player"] in people:
             people[note["player"]] = note["name"], note["kind"]
         elif note["note"] == "said" and note["player"] in tallies:
             tallies[note["player"]]["said"] += 1

@@ -29,6 +29,9 @@ MAX_CALL, MAX_SEAT = 4_000_000, 100_000_000
 """Characters of messages that are read for one call, and for all calls of a seat. A short note can
 claim that a long message was sent a thousand times; longer calls count as not recorded."""
 
+MAX_CALL_NOTE = 8_000_000
+"""Characters of a call's note. A longer one counts as not recorded."""
+
 MESSAGE = 20
 """Characters that count for a message besides its text: a call can send a million empty ones."""
 
@@ -97,9 +100,18 @@ class _Seat:
 
     def __init__(self) -> None:
         self.pieces: list[str] = []
+        self.size = 0
         self.number = 0
         self.known: dict[int, Mapping[str, str]] = {}
         self.left = MAX_SEAT
+
+    def add(self, piece: str) -> None:
+        """Add a piece of a note, unless the note is too long."""
+        self.size += len(piece)
+        if self.size <= MAX_CALL_NOTE:
+            self.pieces.append(piece)
+        else:
+            self.pieces.clear()
 
     def read(self, step: int, player: str) -> RecordedCall | None:
         """Return the call in the pieces; None if pieces are missing or belong to something else."""
@@ -109,6 +121,7 @@ class _Seat:
             begins = (i for i in reversed(range(len(self.pieces))) if _begins(self.pieces[i]))
             row = _object("".join(self.pieces[next(begins, len(self.pieces)) :]))
         self.pieces.clear()
+        self.size = 0
         try:
             return None if row is None else self._call(row, step, player)
         except (ValueError, TypeError, KeyError, OverflowError):
@@ -152,7 +165,7 @@ def model_calls(recording: Recording, player: str | None = None) -> Iterator[Rec
         if not wanted or player not in (None, note["player"]):
             continue
         seat = seats.setdefault(note["player"], _Seat())
-        seat.pieces.append(note["text"])
+        seat.add(note["text"])
         if not note.get("more") and (found := seat.read(note["step"], note["player"])) is not None:
             yield found
 

@@ -234,11 +234,11 @@ class Recording:
     @cached_property
     def participants(self) -> dict[str, tuple[str, str]]:
         """Name and kind of each seat's last participant, in seat order."""
-        people: dict[str, tuple[str, str]] = {}
+        people = dict.fromkeys(self.world.players, ("", ""))
         for note in self.notes():
-            if note["note"] == "roster" and note["name"]:
+            if note["note"] == "roster" and note["name"] and note["player"] in people:
                 people[note["player"]] = (note["name"], note["kind"])
-        return {player: people[player] for player in self.world.players if player in people}
+        return {player: person for player, person in people.items() if person[0]}
 
     def notes(self) -> Iterator[dict[str, Any]]:
         """Yield the notes in order, each with the number of the step before it as `step`."""
