@@ -12,6 +12,7 @@ from robotouille.domain.pictures import MAX_OUTLINES, MAX_PICTURE_BYTES, MAX_SHA
 from robotouille.episode import quota, rules, submissions
 from robotouille.protocol import codec, messages
 from robotouille.replay import container, payloads
+from robotouille.web import recording_page
 from robotouille.world.grounding import ground_objects
 from robotouille.world.text import MAX_SENTENCE
 from robotouille_server.auth import revocation
@@ -374,6 +375,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("Frame", _size(container.MAX_FRAME), "The frame is neither written nor read."),
         Limit("Values in a frame", f"{payloads.MAX_ENTRIES:,}",
               "The frame is neither written nor read."),
+        Limit("Data of a page that shows recordings, in memory",
+              _size(recording_page.MAX_DATA), "The page is not written."),
         Limit("Steps of an ended episode shown to a returning client", f"{archive.MAX_STEPS:,}",
               NOT_SHOWN, "auth/expired"),
         Limit("Uncompressed bytes of such a recording", _size(archive.MAX_BYTES), NOT_SHOWN,

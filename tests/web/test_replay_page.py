@@ -28,6 +28,7 @@ from robotouille.web.recording_page import (
     replay_page,
     steps_to_go,
 )
+from robotouille.web.single_file import JsonRows, encoded
 from robotouille.web.site import STATIC, WebSite
 from robotouille_client.cli.main import app
 from robotouille_client.window.pictures.appearance import AppearanceResolver
@@ -319,3 +320,25 @@ def test_texts_without_an_action_are_read_up_to_a_limit(monkeypatch: pytest.Monk
     (row,) = page_data([("game", forged)])["recordings"]
     assert len(parsed) == 4
     assert [told[4] for told in row["log"] if told[2] == "rejected"] == ["fly"] * 9
+
+
+def test_page_of_too_much_data_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file, page = tmp_path / "a.rbt", tmp_path / "a.html"
+    file.write_bytes(compress(recorded_game("synchronous/01", steps=50)))
+    monkeypatch.setattr(recording_page, "MAX_DATA", 2 * 1024**2)
+    assert command(file, page, "--no-steps-to-go")[0] == 0
+    monkeypatch.setattr(recording_page, "MAX_DATA", 2 * 1024)
+    page.unlink()
+    status, output = command(file, page, "--no-steps-to-go")
+    assert status == 1
+    assert "a page shows at most" in output
+    assert not page.exists()
+
+
+def test_texts_of_data_cannot_take_the_place_of_rows() -> None:
+    rows = JsonRows([["0", {"a": "\ud800"}], [], 1])
+    data = {"label": '"0', "rows": rows, "more": [JsonRows(), "1"]}
+    expected = {"label": '"0', "rows": [["0", {"a": "?"}], [], 1], "more": [[], "1"]}
+    assert json.loads(encoded(data)) == expected
+    rows.cut(1)
+    assert (len(rows), rows[0], rows[:]) == (1, ["0", {"a": "\ud800"}], [["0", {"a": "\ud800"}]])

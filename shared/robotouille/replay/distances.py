@@ -30,6 +30,8 @@ class StateSource(Protocol):
 
 
 NO_SEARCH = Limits(expansions=0)
+MAX_STATES = 50_000
+"""States in memory. Of a longer recording, `estimates` skips steps at equal intervals."""
 
 
 def distances(recording: StateSource, expansions: int, deadline: Deadline) -> Iterator[StepsLeft]:
@@ -72,18 +74,33 @@ def estimates(
         PluginError: A required plug-in cannot be loaded.
     """
     anytime, limits = AnytimePlanner(recording.world), Limits(expansions, stop=deadline)
-    states = [anytime.in_model(state) for _, state in recording.states()]
+    states, interval = _thinned(recording)
+    states = [anytime.in_model(state) for state in states]
     order = list(coarse_first(len(states)))
     plans = _PlansNearby(anytime, limits)
     for step in order:
         if deadline():
             return
-        yield step, plans.left(step, states[step])
+        yield step * interval, plans.left(step, states[step])
     distance = StepsToGo(anytime.model)
     for step in order:
         if deadline():
             return
-        yield step, distance(states[step], NO_SEARCH)
+        yield step * interval, distance(states[step], NO_SEARCH)
+
+
+def _thinned(recording: StateSource) -> tuple[list[State], int]:
+    """Return the states of a recording at equal intervals of steps, and the interval."""
+    states: list[State] = []
+    interval = 1
+    for step, (_, state) in enumerate(recording.states()):
+        if step % interval:
+            continue
+        states.append(state)
+        if len(states) > MAX_STATES:
+            del states[1::2]
+            interval *= 2
+    return states, interval
 
 
 def coarse_first(count: int) -> Iterator[int]:

@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import sys
+from array import array
+from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -31,7 +34,7 @@ from robotouille.replay.measures import activities, rejection_kind
 from robotouille.replay.rates import recorded_rate
 from robotouille.replay.recording import Recording
 from robotouille.replay.timeline import DEPARTURES, pauses
-from robotouille.web.single_file import single_file
+from robotouille.web.single_file import JsonRows, single_file
 from robotouille.web.site import STATIC, look_files
 from robotouille.world.unmet import UnmetKind, only_words, unmet_from
 from robotouille.world.world import State, World
@@ -46,6 +49,8 @@ DELTA = ("objects", "atoms", "add", "remove", "timers", "busy", "orders")
 """Fields of a recorded step that a delta has."""
 LETTERS = dict(zip(Activity, "sxabwi", strict=True))
 """Letter of each activity. An unknown one has `?`."""
+MAX_DATA = 64 * 1024 * 1024
+"""Bytes of memory for the data of a page. A browser needs several times as much."""
 MAX_UNREAD = 2_000
 """Rejected texts without an action after which no more are read. Each takes a millisecond, and a
 recording can have 300,000."""
@@ -60,17 +65,40 @@ class Names:
     """Names as the page shows them: as recorded, or `p1`, `p2`, … in the order of appearance."""
 
     anonymous: bool
+    charge: Callable[[int], None] = lambda size: None
     _known: dict[str, str] = field(default_factory=dict)
 
     def shown(self, name: str) -> str:
         """Return the name to show."""
         if not self.anonymous or not name:
             return name
+        if name not in self._known:
+            self.charge(2 * sys.getsizeof(name))
         return self._known.setdefault(name, f"p{len(self._known) + 1}")
 
     def text(self, text: str) -> str:
         """Return a participant's text, or an empty one if the page is anonymous."""
         return "" if self.anonymous else text
+
+
+class PageSizeError(RobotouilleError):
+    """The data of a page are too large."""
+
+
+class _Room:
+    """Room for the data of a page."""
+
+    def __init__(self) -> None:
+        self._left = MAX_DATA
+
+    def take(self, size: int) -> None:
+        """Take some bytes; raise PageSizeError if there is no more room."""
+        self._left -= size
+        if self._left < 0:
+            raise PageSizeError(
+                f"a page shows at most {MAX_DATA >> 20} MiB of data, and this recording has more; "
+                "watch it with `robotouille replay play`"
+            )
 
 
 def replay_page(
@@ -124,11 +152,14 @@ def page_data(
     _check(recordings)
     if codebook is not None and len(recordings) > 1:
         raise RobotouilleError("a page with a codebook shows one recording")
-    names = Names(anonymous)
+    room = _Room()
+    names = Names(anonymous, room.take)
     task = recordings[0][1].task
-    rows = []
+    rows, kinds = [], set(_words(task.json["problem"]))
     for number, (label, recording) in enumerate(recordings):
-        row = {"label": names.text(label), **_Reading(recording, names).row()}
+        reading = _Reading(recording, names, room.take)
+        row = {"label": names.text(label), **reading.row()}
+        kinds |= reading.kinds
         if to_go and any(to_go[number]):
             row["to_go"] = to_go[number]
         rows.append(row)
@@ -137,7 +168,7 @@ def page_data(
         "software": VERSION,
         "anonymous": anonymous,
         "task": task.json,
-        "look": _look(task, rendering_of(task, rendering), _kinds(task, rows)),
+        "look": _look(task, rendering_of(task, rendering), kinds),
         "recordings": rows,
         **(
             {"codebook": codebook.model_dump(mode="json", include={"labels"})}
@@ -155,15 +186,6 @@ def _check(recordings: Sequence[tuple[str, Recording]]) -> None:
         raise RobotouilleError(
             f"only recordings of the same task can be shown side by side: {shown}"
         )
-
-
-def _kinds(task: Task, rows: Iterable[Mapping[str, Any]]) -> set[str]:
-    """Return all kinds of objects that the recordings or the ticket may show, and other words."""
-    found = set(_words(task.json["problem"]))
-    for row in rows:
-        for message in (row["snapshot"], *row["deltas"]):
-            found.update(kind for _, kind, _ in message.get("objects", ()))
-    return found
 
 
 def _words(value: Any) -> Iterator[str]:
@@ -211,15 +233,18 @@ class _Reading:
     Rejected actions and reasons repeat, so each distinct one is stored once in a table.
     """
 
-    def __init__(self, recording: Recording, names: Names) -> None:
+    def __init__(self, recording: Recording, names: Names, charge: Callable[[int], None]) -> None:
+        self.kinds: set[str] = set()
         self._recording = recording
+        self._charge = charge
         self._names = names
         self._players = recording.world.players
         self._places = {player: place for place, player in enumerate(self._players)}
         self._actions: dict[tuple[str, ...], int] = {}
-        self._deltas: list[dict[str, Any]] = []
-        self._moves: list[Row] = []
-        self._log: list[Row] = []
+        self._deltas = JsonRows(charge=charge)
+        self._moves = JsonRows(charge=charge)
+        self._log = JsonRows(charge=charge)
+        self._log_steps = array("q")
         self._seated: dict[str, tuple[str, str]] = {}
         self._reader: StateReader | None = None
         self._snapshot: dict[str, Any] = {}
@@ -248,16 +273,17 @@ class _Reading:
             "lanes": ["".join(lane) for lane in self._lanes.values()],
             "actions": [list(action) for action in self._actions],
             "moves": self._moves,
-            "seats": list(self._seatings(length)),
+            "seats": JsonRows(self._seatings(length), self._charge),
             "log": self._log,
-            "pauses": [
-                [pause.step, pause.t, list(pause.holds), pause.seconds]
-                for pause in pauses(recording)
-                if pause.step <= length
-            ],
+            "pauses": JsonRows(self._pauses(length), self._charge),
             "outcome": self._outcome(outcome) if outcome and not self._fault else None,
             "fault": self._fault,
         }
+
+    def _pauses(self, length: int) -> Iterator[Row]:
+        for pause in pauses(self._recording):
+            if pause.step <= length:
+                yield [pause.step, pause.t, list(pause.holds), pause.seconds]
 
     def _outcome(self, outcome: Mapping[str, Any]) -> dict[str, Any]:
         kept = {key: outcome[key] for key in ("reason", "steps", "seconds")}
@@ -281,7 +307,10 @@ class _Reading:
             for _, step in activities(self):
                 for player, lane in self._lanes.items():
                     lane.append(LETTERS[step.did[player]] if player in step.did else "?")
+                self._charge(8 * len(self._lanes) + sys.getsizeof(self._time))
                 self._times.append(self._time)
+        except PageSizeError:
+            raise
         except RobotouilleError as error:
             self._fault = self._fault or str(error)
         # Frames are valid MessagePack but may hold anything. The part read so far can still be
@@ -292,8 +321,9 @@ class _Reading:
             raise RobotouilleError(self._fault or "the recording has no state")
         # The last step may be the one with the fault.
         length = len(self._times) - 1
-        del self._deltas[length:], self._moves[length:]
-        self._log = [row for row in self._log if row[0] <= length]
+        self._deltas.cut(length)
+        self._moves.cut(length)
+        self._log.cut(bisect_right(self._log_steps, length))
 
     def each_frame(self, *, states: bool = True) -> Iterator[dict[str, Any]]:
         """Yield the frames, each after it was converted."""
@@ -320,6 +350,7 @@ class _Reading:
         tables = self._recording.header["tables"]
         self._reader = StateReader(self._recording.world, tables, frame)
         self._snapshot = {"step": 0, **tables, **{k: frame[k] for k in SNAPSHOT if k in frame}}
+        self.kinds.update(kind for _, kind, _ in tables["objects"])
 
     def _take(self, frame: dict[str, Any]) -> None:
         reader = self._reader
@@ -327,21 +358,30 @@ class _Reading:
             raise RobotouilleError("the recording has a step before its first state")
         step, unmet = frame["step"], frame.get("unmet", {})
         reader.apply(frame)
+        self.kinds.update(kind for _, kind, _ in frame.get("objects", ()))
         self._deltas.append({key: frame[key] for key in DELTA if frame.get(key)})
         row: Row = []
         for place, move in enumerate(frame["moves"]):
             seat, action = self._place(move["player"]), self._action(move["action"])
             if str(place) in unmet:
                 why = self._reasons(unmet[str(place)], ())
-                self._log.append([step, frame["t"], "lost", seat, action, why])
+                self._add(step, frame["t"], "lost", seat, action, why)
             else:
                 row += [seat, action]
             if thought := self._names.text(move.get("reasoning", "")):
-                self._log.append([step, frame["t"], "thought", seat, thought])
+                self._add(step, frame["t"], "thought", seat, thought)
         self._moves.append(row)
 
+    def _add(self, step: int, *row: Any) -> None:
+        """Add a row to the log."""
+        self._log.append([step, *row])
+        self._log_steps.append(step)
+
     def _action(self, action: Iterable[str]) -> int:
-        return self._actions.setdefault(tuple(action), len(self._actions))
+        words = tuple(action)
+        if words not in self._actions:
+            self._charge(2 * sys.getsizeof(words) + sum(map(sys.getsizeof, words)))
+        return self._actions.setdefault(words, len(self._actions))
 
     def _place(self, player: str) -> int:
         """Return the number of a seat, or -1 for a spectator."""
@@ -361,7 +401,7 @@ class _Reading:
         made = _NOTES.get(note["note"])
         rows = made(self, note) if made else None
         if rows is not None:
-            self._log.append([step, note["t"], *rows])
+            self._add(step, note["t"], *rows)
 
     def _said(self, note: Mapping[str, Any]) -> Row:
         name, text = self._names.shown(note["name"]), self._names.text(note["text"])
@@ -386,6 +426,8 @@ class _Reading:
     def _roster(self, note: Mapping[str, Any]) -> Row | None:
         """Return who came, left, was away or returned."""
         player, name = note["player"], note["name"]
+        if player not in self._places:
+            return None
         before = self._seated.get(player)
         place, substitute = self._place(player), note.get("controller") == "substitute"
         if not note["taken"] or not name:

@@ -11,13 +11,65 @@ import gzip
 import hashlib
 import json
 import re
+import secrets
+import sys
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
-from typing import Any
+from io import BytesIO
+from typing import Any, overload
 
 from robotouille.web.site import STATIC, bundled_module
 
 LINE = 4096
 """Characters in a line of base64. Editors become slow at lines of a megabyte."""
+
+
+class JsonRows(Sequence[Any]):
+    """Rows that are kept as JSON text, which takes a fraction of the memory of Python objects.
+
+    Args:
+        rows: The first rows.
+        charge: Called with the bytes of memory of each row.
+    """
+
+    def __init__(
+        self, rows: Iterable[Any] = (), charge: Callable[[int], None] = lambda size: None
+    ) -> None:
+        self._charge = charge
+        self._texts: list[str] = []
+        for row in rows:
+            self.append(row)
+
+    def append(self, row: Any) -> None:
+        """Add a row."""
+        text = _compact(row)
+        self._charge(sys.getsizeof(text))
+        self._texts.append(text)
+
+    def cut(self, length: int) -> None:
+        """Keep only the first rows."""
+        del self._texts[length:]
+
+    def write(self, file: BytesIO) -> None:
+        """Write the rows as a JSON array."""
+        file.write(b"[")
+        for number, text in enumerate(self._texts):
+            file.write(_utf8(f",{text}" if number else text))
+        file.write(b"]")
+
+    def __len__(self) -> int:
+        return len(self._texts)
+
+    @overload
+    def __getitem__(self, place: int) -> Any: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> list[Any]: ...
+
+    def __getitem__(self, place: int | slice) -> Any:
+        if isinstance(place, slice):
+            return [json.loads(text) for text in self._texts[place]]
+        return json.loads(self._texts[place])
 
 
 def single_file(entry: str, page: str, styles: list[str], data: Any) -> str:
@@ -68,10 +120,33 @@ def filled(page: str, **parts: str) -> str:
 
 
 def encoded(data: Any) -> bytes:
-    """Return JSON values as compact text."""
-    text = json.dumps(data, ensure_ascii=False, separators=(",", ":"))
-    # Recordings may contain lone surrogates.
-    return text.encode("utf-8", "replace")
+    """Return JSON values as compact text. Some of them may be `JsonRows`."""
+    found: list[JsonRows] = []
+    # No text of a participant contains this word.
+    word = secrets.token_hex(16)
+
+    def place(value: Any) -> str:
+        if not isinstance(value, JsonRows):
+            raise TypeError(f"not a JSON value: {type(value).__name__}")
+        found.append(value)
+        return f"{word}{len(found) - 1}"
+
+    pieces = re.split(rf'"{word}(\d+)"', _compact(data, place))
+    file = BytesIO()
+    for number, piece in enumerate(pieces):
+        if number % 2:
+            found[int(piece)].write(file)
+        else:
+            file.write(_utf8(piece))
+    return file.getvalue()
+
+
+def _utf8(text: str) -> bytes:
+    return text.encode("utf-8", "replace")  # Recordings may contain lone surrogates.
+
+
+def _compact(value: Any, default: Callable[[Any], Any] | None = None) -> str:
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":"), default=default)
 
 
 def packed(content: bytes) -> str:
