@@ -38,6 +38,7 @@ from robotouille_data.recorded_seats import (
 from robotouille_data.schema import EPISODES, EVENTS, LABELS, MEASURES, SEATS, STEPS
 
 Row = tuple[Any, ...]
+TableRows = tuple[sa.Table, Sequence[Row]]
 INT32, INT64 = 2**31 - 1, 2**63 - 1
 # The rows of a hostile recording would fill the disk: each step has a row for each seat.
 MAX_SEATS, MAX_STEP_ROWS = 64, 20_000_000
@@ -49,7 +50,7 @@ OF_THEIR_OWN = frozenset({"note", "t", "player", "name", "text", "action"})
 class RowBuilder:
     """Builder that turns the frames of one recording into rows.
 
-    `steps` and `events` hold the rows so far. The caller may take rows and clear the lists.
+    Rows of steps and events come first: the caller takes them with `take_rows` whenever it likes.
 
     If a frame contradicts an earlier one, such as a fact without a table entry or a player without
     a seat, any method may raise LookupError, TypeError, ValueError or AttributeError. Missing steps
@@ -65,8 +66,9 @@ class RowBuilder:
         episode_id: int,
         useful: Sequence[Collection[str]] | None = None,
     ) -> None:
-        self.steps: list[Row] = []
-        self.events: list[Row] = []
+        self._steps: list[Row] = []
+        self._events: list[Row] = []
+        self._text = 0
         self._header = header
         self._id = episode_id
         self._useful = useful
@@ -129,7 +131,7 @@ class RowBuilder:
             did = seat.activity(applied, busy.get(player, 0) > 0, others_turn)
             action = (None, None, None, None, None) if move is None else move
             could = None if useful is None else seat.judge(did, useful)
-            self.steps.append((
+            self._steps.append((
                 self._id, number, seat.number, time, late, did, declared, could,
                 seat.controller._value_, *action,
             ))  # fmt: skip
@@ -197,13 +199,24 @@ class RowBuilder:
                 for each in self._seats.values():
                     each.refused = False
         details = {key: value for key, value in note.items() if key not in OF_THEIR_OWN}
-        text = note.get("text") or note.get("action", "")
-        self.events.append((
+        name, text = _clean(note.get("name", "")), note.get("text") or note.get("action", "")
+        texts = name, _clean(text), _json(details)
+        self._events.append((
             self._id, self._number, self._step, _bounded(note["t"]), note["note"],
-            None if seat is None else seat.number, _clean(note.get("name", "")), _clean(text),
-            _json(details),
+            None if seat is None else seat.number, *texts,
         ))  # fmt: skip
+        self._text += sum(map(len, texts))
         self._number += 1
+
+    def full(self) -> bool:
+        """Return whether the rows so far should be taken."""
+        return len(self._steps) + len(self._events) >= MAX_ROWS or self._text >= MAX_TEXT
+
+    def take_rows(self) -> list[TableRows]:
+        """Return the rows of steps and events so far, and forget them."""
+        taken: list[TableRows] = [(STEPS, self._steps), (EVENTS, self._events)]
+        self._steps, self._events, self._text = [], [], 0
+        return taken
 
     # The end
 
@@ -336,10 +349,9 @@ def _json(value: object) -> str:
     return text.replace("\\u0000", "\N{REPLACEMENT CHARACTER}") if "\\u0000" in text else text
 
 
-MAX_ROWS = 100_000
-"""Maximum number of rows in memory. The rows of a longer recording come in several parts."""
-
-TableRows = tuple[sa.Table, Sequence[Row]]
+MAX_ROWS, MAX_TEXT = 100_000, 16 * 1024 * 1024
+"""Maximum number of rows in memory, and of characters in their texts. The rows of a longer
+recording come in several parts."""
 
 
 def read_content(path: Path) -> bytes:
@@ -406,9 +418,8 @@ def recorded_rows(
         rows = None
         useful = useful_steps(content) if searches.useful else None
         for rows in _builders(stream, number, useful, closed=is_closed(content)):
-            if len(rows.steps) + len(rows.events) >= MAX_ROWS:
-                yield [(STEPS, rows.steps), (EVENTS, rows.events)]
-                rows.steps, rows.events = [], []
+            if rows.full():
+                yield rows.take_rows()
         if rows is None:
             raise RecordingError("no header")
         sought = searches.steps_to_go and rows.success is False
@@ -441,8 +452,7 @@ def _builders(
 
 def _summary(rows: RowBuilder, left: StepsLeft) -> list[TableRows]:
     return [
-        (STEPS, rows.steps),
-        (EVENTS, rows.events),
+        *rows.take_rows(),
         (SEATS, rows.seats()),
         (LABELS, rows.labels()),
         (MEASURES, [rows.measures(left)]),

@@ -217,10 +217,13 @@ def test_recording_without_footer_is_unfinished() -> None:
     assert len(rows["steps"]) == 2 * whole.length
 
 
-def test_long_recording_gives_several_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("limit", "most"), [("MAX_ROWS", 10), ("MAX_TEXT", 100)])
+def test_long_recording_gives_several_parts(
+    limit: str, most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     stream = random_stream(2)
     at_once = rows_of(stream)
-    monkeypatch.setattr(reading, "MAX_ROWS", 10)
+    monkeypatch.setattr(reading, limit, most)
     assert len(list(recorded_rows(stream, 1))) > 2
     assert rows_of(stream) == at_once
 

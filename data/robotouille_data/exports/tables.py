@@ -97,9 +97,10 @@ def table_entry(table: sa.Table, columns: Iterable[sa.Column[Any]]) -> ExportEnt
 
 ROWS_AT_ONCE = 100_000
 """Rows held in memory before they are written."""
-TEXTS_AT_ONCE = 2_000
-"""Rows of events held in memory. Their texts may have tens of thousands of characters."""
-FETCHED_AT_ONCE = 2_000
+TEXT_AT_ONCE = 16 * 1024 * 1024
+"""Characters of texts held in memory before they are written."""
+FETCHED_AT_ONCE, EVENTS_AT_ONCE = 2_000, 20
+"""Rows fetched at once. An event's texts may have millions of characters."""
 ARROW_TYPES: dict[str, pa.DataType] = {
     "BigInteger": pa.int64(),
     "Integer": pa.int32(),
@@ -190,8 +191,8 @@ class TableFile:
         self._name, self._path = table.name, part.path(path)
         self._writer = open_writer(part.format, path, self._schema)
         self._rows: list[tuple[Any, ...]] = []
-        self._at_once = TEXTS_AT_ONCE if table is EVENTS else ROWS_AT_ONCE
-        self._count = 0
+        self._at_once = EVENTS_AT_ONCE if table is EVENTS else FETCHED_AT_ONCE
+        self._count = self._text = 0
         # Sums of the columns let a reader notice an incomplete download or a wrong import without
         # our software.
         numbers = (f.name for f in self._schema if f.type != pa.string() and f.name not in KEYS)
@@ -200,9 +201,12 @@ class TableFile:
     def add(self, connection: Connection, ids: Sequence[int]) -> None:
         """Add the rows of some episodes."""
         query = self._query.where(self._key.in_(ids))
-        for rows in _fetched(connection, query):
-            self._rows += rows if self._change is None else map(self._change, rows)
-            if len(self._rows) >= self._at_once:
+        for rows in _fetched(connection, query, self._at_once):
+            changed = rows if self._change is None else list(map(self._change, rows))
+            self._rows += changed
+            if self._at_once == EVENTS_AT_ONCE:
+                self._text += sum(len(v) for row in changed for v in row if isinstance(v, str))
+            if len(self._rows) >= ROWS_AT_ONCE or self._text >= TEXT_AT_ONCE:
                 self._flush()
 
     def finish(self) -> WrittenFile:
@@ -224,7 +228,7 @@ class TableFile:
         for name in self._sums:
             self._sums[name] += pc.sum(batch[name]).as_py() or 0
         self._count += len(self._rows)
-        self._rows = []
+        self._rows, self._text = [], 0
 
 
 def write_tables(part: Part) -> Iterator[WrittenFile]:
@@ -243,8 +247,10 @@ def write_tables(part: Part) -> Iterator[WrittenFile]:
         yield from [file.finish() for file in files]
 
 
-def _fetched(connection: Connection, query: sa.Select[Any]) -> Iterator[Sequence[Any]]:
-    streaming = connection.execution_options(yield_per=FETCHED_AT_ONCE)
+def _fetched(
+    connection: Connection, query: sa.Select[Any], at_once: int
+) -> Iterator[Sequence[Any]]:
+    streaming = connection.execution_options(yield_per=at_once)
     yield from streaming.execute(query).partitions()
 
 

@@ -80,7 +80,7 @@ def test_tables_equal_the_catalogue(url: URL, write: Write, format_: str) -> Non
 def test_long_tables_are_written_in_batches(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = write()
     monkeypatch.setattr(tables, "ROWS_AT_ONCE", 7)
-    monkeypatch.setattr(tables, "TEXTS_AT_ONCE", 5)
+    monkeypatch.setattr(tables, "TEXT_AT_ONCE", 500)
     monkeypatch.setattr(tables, "FETCHED_AT_ONCE", 3)
     pieces = write()
     for table in EPISODE_TABLES:
