@@ -130,7 +130,8 @@ def test_three_steps(tmp_path, play, ending: str) -> None:
         enumerate(course),
         FilmOptions(
             size=(321, 241), frames_per_step=5, hold=2, outcome="Goal reached", max_steps=9,
-            seats=((SeatView("robot1", "Ada"),),), bubbles={1: (Bubble("robot1", "hi", "chat"),)},
+            seats=lambda step: (SeatView("robot1", "Ada"),),
+            bubbles=lambda step: (Bubble("robot1", "hi", "chat"),) * (step == 1),
         ),
     )  # fmt: skip
     *_, count = write_video(path, frames, fps=10)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
@@ -35,8 +35,8 @@ class FilmOptions:
         frames_per_step: Frames for each step.
         fps: Frames for each second.
         hold: Frames for which the last state stays, with the outcome.
-        seats: Seats at each state; the last ones also stand for any further states.
-        bubbles: Speech bubbles by step.
+        seats: Returns the seats at a step.
+        bubbles: Returns the speech bubbles at a step.
         notices: Line at the top of the kitchen, by step.
         max_steps: Step limit of the game.
         outcome: How the game ended.
@@ -48,8 +48,8 @@ class FilmOptions:
     frames_per_step: int = 6
     fps: int = 24
     hold: int = 12
-    seats: Sequence[Sequence[SeatView]] = ()
-    bubbles: Mapping[int, tuple[Bubble, ...]] = field(default_factory=dict)
+    seats: Callable[[int], tuple[SeatView, ...]] = lambda step: ()
+    bubbles: Callable[[int], tuple[Bubble, ...]] = lambda step: ()
     notices: Mapping[int, str] = field(default_factory=dict)
     max_steps: int | None = None
     outcome: str = ""
@@ -65,7 +65,7 @@ def frames_of(
     All frames are the same surface. Use one before asking for the next.
     """
     painter = Painter(options.rendering, options.pictures)
-    surface, seats = pygame.Surface(options.size), options.seats
+    surface = pygame.Surface(options.size)
     frames = itertools.count()
     previous: State | None = None
     view: View | None = None
@@ -74,15 +74,15 @@ def frames_of(
         painter.paint(surface, replace(view, seconds=next(frames) / options.fps))
         return surface
 
-    for index, (step, state) in enumerate(states):
+    for step, state in states:
         view = View(
             world=state.world,
             state=state,
             previous=previous,
             step=step,
             max_steps=options.max_steps,
-            seats=tuple(seats[min(index, len(seats) - 1)]) if seats else (),
-            bubbles=options.bubbles.get(step, ()),
+            seats=options.seats(step),
+            bubbles=options.bubbles(step),
             notice=options.notices.get(step, ""),
             step_seconds=options.frames_per_step / options.fps,
         )

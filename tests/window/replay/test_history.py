@@ -22,6 +22,8 @@ from robotouille.replay.controllers import seatings
 from robotouille.replay.recording import Recording
 from robotouille.replay.timeline import Interlude
 from robotouille.world.presentation.signals import Intent, Signal
+from robotouille_client.window.replay.histories import history as history_module
+from robotouille_client.window.replay.histories import recorded_history
 from robotouille_client.window.replay.histories.history import (
     MAX_NOTICE,
     EntryKind,
@@ -115,6 +117,16 @@ def test_the_log_uses_the_viewers_words(path: Path, recording: Recording) -> Non
         assert log(viewer.histories[0]) == own
     finally:
         viewer.close()
+
+
+def test_events_of_a_step_and_marks_are_bounded(
+    monkeypatch: pytest.MonkeyPatch, recording: Recording
+) -> None:
+    monkeypatch.setattr(recorded_history, "MAX_NOTED", 1)
+    monkeypatch.setattr(history_module, "MAX_MARKS", 3)
+    history = RecordedHistory(recording)
+    assert len(history.marks) == 3
+    assert len(history.entries(0)) == 1
 
 
 def test_messages_between_bots_are_hidden() -> None:

@@ -94,6 +94,9 @@ class EntryKind(StrEnum):
     OTHER = "other"
 
 
+# Marks of a timeline. A recording can have millions of events.
+MAX_MARKS = 100_000
+
 # Kinds that get a mark on the timeline.
 MARKED = frozenset(EntryKind) - {
     EntryKind.ACTION, EntryKind.SUPERSEDED, EntryKind.SEAT, EntryKind.OTHER
@@ -210,7 +213,7 @@ class History(ABC):
     def _mark(self, entries: Iterable[Entry]) -> None:
         """Add marks for events, one for each step, kind and player."""
         for entry in entries:
-            if entry.kind not in MARKED:
+            if entry.kind not in MARKED or len(self.marks) >= MAX_MARKS:
                 continue
             mark = Mark(entry.step, entry.kind, entry.player)
             # Marks come in the order of steps, so that equal ones are among the newest.

@@ -59,8 +59,12 @@ _KINDS = {
     "restarted": EntryKind.RESTARTED,
     "announced": EntryKind.ANNOUNCED,
 }
-# Steps whose events are cached as words.
-MAX_KEPT = 256
+# Steps whose events are cached as words, and their events.
+MAX_KEPT, MAX_KEPT_ENTRIES = 256, 2_000
+# Events after a step that the log shows. A recording can have 300,000.
+MAX_NOTED = 1_000
+# Characters of a chat line; longer ones are cut.
+MAX_LINE = 500
 # Notes from which interludes are made.
 _INTERLUDES = frozenset({"paused", "resumed", "restarted", "announced"})
 
@@ -72,6 +76,25 @@ class _InterludeNotes:
 
     def notes(self) -> Iterator[dict[str, Any]]:
         return iter(self.kept)
+
+
+class _SeatingChanges:
+    """Course of one seat. `next` is its participant and controller from the next step on."""
+
+    __slots__ = ("_from", "_seatings", "next")
+
+    def __init__(self) -> None:
+        self.next = Seating()
+        self._from = array("q", [0])
+        self._seatings = [self.next]
+
+    def begin(self, step: int) -> None:
+        if self.next is not self._seatings[-1]:
+            self._from.append(step)
+            self._seatings.append(self.next)
+
+    def at(self, step: int) -> Seating:
+        return self._seatings[bisect_right(self._from, step) - 1]
 
 
 class RecordedHistory(History):
@@ -88,14 +111,15 @@ class RecordedHistory(History):
         self.rate = recorded_rate(recording.header["rules"])
         self.states = RecordedStates(recording.world, recording.stream, recording.header["tables"])
         self._substitute = str(recording.header["rules"].get("substitute", "bot"))
-        self._seatings: dict[str, Seating] = dict.fromkeys(self.world.players, Seating())
+        self._seatings = {player: _SeatingChanges() for player in self.world.players}
         self._seated: dict[str, tuple[str, str]] = {}
-        self._seatings_from = [0]
-        self._seatings_by_step = [self._seatings]
         self._rejected = {player: array("q") for player in self.world.players}
-        self._notes: dict[int, list[tuple[Entry, dict[str, Any] | None]]] = defaultdict(list)
+        # Words of notes could take most of the memory, so only their places are kept: the position
+        # of the frame and the number in it. Words of roster notes depend on earlier notes.
+        self._notes: dict[int, list[Entry | tuple[int, int]]] = defaultdict(list)
         self._wording = HistoryWording(self.world, language_of(self.world.task).with_words(words))
         self._kept: dict[int, tuple[Entry, ...]] = {}
+        self._kept_entries = 0
         self._interlude_notes = _InterludeNotes(recording.outcome)
         self.fault = recording.damage
         self._read()
@@ -109,8 +133,9 @@ class RecordedHistory(History):
         return self.states.state(step) if self.length else self.world.initial
 
     def seats(self, step: int) -> tuple[SeatView, ...]:
-        seatings = self._seatings_by_step[bisect_right(self._seatings_from, step) - 1]
-        return tuple(self._seat(player, seatings[player], step) for player in self.world.players)
+        return tuple(
+            self._seat(player, changes.at(step), step) for player, changes in self._seatings.items()
+        )
 
     def _seat(self, player: str, seating: Seating, step: int) -> SeatView:
         present = seating.controller not in NOT_PRESENT
@@ -122,10 +147,13 @@ class RecordedHistory(History):
     def entries(self, step: int) -> tuple[Entry, ...]:
         found = self._kept.get(step)
         if found is None:
-            if len(self._kept) >= MAX_KEPT:
-                self._kept.clear()
             # Words are made on demand: most steps of a recording are never looked at closely.
-            found = self._kept[step] = (*self._moves(step), *self._noted(step), *self._end(step))
+            found = (*self._moves(step), *self._noted(step), *self._end(step))
+            self._kept_entries += len(found)
+            if len(self._kept) >= MAX_KEPT or self._kept_entries > MAX_KEPT_ENTRIES:
+                self._kept.clear()
+                self._kept_entries = len(found)
+            self._kept[step] = found
         return found
 
     def _moves(self, step: int) -> Iterator[Entry]:
@@ -145,14 +173,22 @@ class RecordedHistory(History):
 
     def _noted(self, step: int) -> Iterator[Entry]:
         """Yield the events after a step, such as rejected requests."""
-        for entry, note in self._notes.get(step, ()):
-            if note is None:
-                yield entry
+        frame, read = {}, -1
+        for noted in self._notes.get(step, ()):
+            if isinstance(noted, Entry):
+                yield noted
                 continue
-            state, names = self._known_at(step)
-            reasons = (note["reasons"], note.get("why", ()), state, names)
-            does = self._wording.attempt(note, state, names)
-            yield replace(entry, words=does, reasons=self._wording.reasons(*reasons))
+            position, number = noted
+            if position != read:
+                frame, read = frame_value(self.recording.stream, position), position
+            note = {"step": step, **frame["notes"][number]}
+            entry = self._entry(note, _kind(note))
+            if note["note"] == "rejected":
+                state, names = self._known_at(step)
+                reasons = (note["reasons"], note.get("why", ()), state, names)
+                does = self._wording.attempt(note, state, names)
+                entry = replace(entry, words=does, reasons=self._wording.reasons(*reasons))
+            yield entry
 
     def _end(self, step: int) -> Iterator[Entry]:
         if self.outcome is not None and step == self.length:
@@ -180,7 +216,7 @@ class RecordedHistory(History):
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             self.fault = self.fault or f"its content is inconsistent: {error!r}"
         if not self.length:
-            self._seatings_by_step = [self._seatings]
+            self._seat_all(0)
         if self.outcome is not None:
             self._mark(self._end(self.length))
 
@@ -190,8 +226,8 @@ class RecordedHistory(History):
             case "state":
                 self.states.add_state(frame, position)
             case "notes":
-                for note in frame["notes"]:
-                    self._add_note({"step": self.length, **note})
+                for number, note in enumerate(frame["notes"]):
+                    self._add_note({"step": self.length, **note}, (position, number))
             case "step":
                 self._take(frame)
                 self.states.add_step(frame, position)
@@ -200,10 +236,8 @@ class RecordedHistory(History):
         step, unmet = frame["step"], frame.get("unmet", {})
         if step != self.length + 1:
             raise RecordingError(f"step {self.length + 1} is missing")
-        if self._seatings is not self._seatings_by_step[-1]:
-            # Before the first step, the seats are as in that step.
-            self._seatings_from.append(0 if step == 1 else step)
-            self._seatings_by_step.append(self._seatings)
+        # Before the first step, the seats are as in that step.
+        self._seat_all(0 if step == 1 else step)
         for place, move in enumerate(frame["moves"]):
             lost = str(place) in unmet
             if lost and move["seq"]:
@@ -212,21 +246,27 @@ class RecordedHistory(History):
                 kind = EntryKind.REJECTED if lost else EntryKind.REASONING
                 self._mark([Entry(step, kind, move["player"], "")])
 
-    def _add_note(self, note: dict[str, Any]) -> None:
+    def _seat_all(self, step: int) -> None:
+        for changes in self._seatings.values():
+            changes.begin(step)
+
+    def _add_note(self, note: dict[str, Any], place: tuple[int, int]) -> None:
         kind, step = note["note"], note["step"]
         if kind == "noted" and note["topic"] == TEAM_TOPIC:
             return  # Bots announce their version to each other; people need not see that.
         if kind == "roster" and note["player"] in self._seatings:
-            self._seatings = {**self._seatings, note["player"]: seating_after(note)}
+            self._seatings[note["player"]].next = seating_after(note)
         if kind == "rejected" and note["player"] in self._rejected:
             self._rejected[note["player"]].append(step)
         if kind in _INTERLUDES:
-            self._interlude_notes.kept.append(note)
+            self._interlude_notes.kept.append({**note, "text": note.get("text", "")[:MAX_LINE]})
         if kind in ("said", "announced"):
-            self._said.append((step, note.get("name", ""), note["text"]))
-        entry = self._entry(note, _kind(note))
-        self._notes[step].append((entry, note if kind == "rejected" else None))
-        self._mark([entry])
+            self._said.append((step, note.get("name", ""), note["text"][:MAX_LINE]))
+        # The words of a roster note tell what has changed since the last one.
+        entry = self._entry(note, _kind(note)) if kind == "roster" else None
+        if len(self._notes[step]) < MAX_NOTED:
+            self._notes[step].append(entry or place)
+        self._mark([entry or Entry(step, _kind(note), note.get("player", ""), "")])
 
     def _entry(self, note: Mapping[str, Any], kind: EntryKind) -> Entry:
         words, step, player = note_words(note, self._seated), note["step"], note.get("player", "")
