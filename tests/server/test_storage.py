@@ -17,6 +17,7 @@ from robotouille.replay.recording import read_recording
 from robotouille_client import ChatReceived, Game, StateChanged, connect
 from robotouille_server.rooms.recording.storage import Appender, Folder
 from tests.support.disks import FullDisk, TroubledFolder
+from tests.support.lost_connections import miss_a_step
 from tests.support.metrics import sample
 from tests.support.servers import crash, serving, with_clients
 from tests.support.virtual_time import run, virtual
@@ -72,7 +73,7 @@ async def test_snapshot_waits_for_unwritten_events(tmp_path: Path) -> None:
         disk.full = True
         pending = game.submit(game.actions[0])
         await asyncio.sleep(0.5)
-        game._resync()
+        miss_a_step(game)
         await asyncio.sleep(3)
         assert (game.step, pending.done()) == (1, False)
         disk.full = False

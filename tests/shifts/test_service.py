@@ -23,7 +23,7 @@ from robotouille.world.presentation.signals import Intent, Signal
 from robotouille.world.world import State, World
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.bots.seat_policy import play
-from tests.support.lost_connections import cut
+from tests.support.lost_connections import cut, miss_a_step
 from tests.support.servers import crash, serving, with_clients
 from tests.support.shifts import EXAMPLE, bistro, example, recomputed
 from tests.support.virtual_time import virtual
@@ -81,7 +81,7 @@ async def test_who_comes_late_sees_the_orders(tmp_path: Path) -> None:
         while game.state.orders.arrived < 3 and not game.ended:
             await asyncio.sleep(0.5)
         watched = await eve.join(created.code, role="spectator")
-        game._resync()
+        miss_a_step(game)
         await asyncio.sleep(1.0)
         assert not game.ended
         assert watched.state.orders == game.state.orders

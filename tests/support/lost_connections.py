@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from asyncio import Transport
 
-from robotouille_client import Client
+from robotouille.protocol import messages
+from robotouille_client import Client, Game
 
-__all__ = ["cut", "start", "transport_of"]
+__all__ = ["cut", "miss_a_step", "start", "transport_of"]
 
 
 async def start(server, *clients: Client, **options):  # type: ignore[no-untyped-def]
@@ -23,3 +24,8 @@ def transport_of(client: Client) -> Transport:
     """Return the transport of an open connection, which the library does not offer."""
     assert client._socket is not None
     return client._socket.transport
+
+
+def miss_a_step(game: Game) -> None:
+    """Let a game ask for a snapshot, because the next delta has not arrived."""
+    game.receive(messages.Delta(step=game.step + 2), game.step_time)

@@ -179,7 +179,7 @@ class Metrics(Collector):
             yield from self.cluster.collect()
 
     def _mqtt(self) -> Iterator[Metric]:
-        # Without `--mqtt` there is no value, so that the alert on a lost broker does not fire.
+        # Without `--mqtt` the gauge has no value, so that the alert on a lost broker does not fire.
         yield _gauge(
             "mqtt_connected",
             "1 while the server is connected to the MQTT broker",
