@@ -15,6 +15,7 @@ from robotouille.planning.policies.team_plan import (
     object_in_hand,
     station_in_the_way,
 )
+from robotouille.world.scene import scene
 from robotouille.world.timers import Timers
 from robotouille.world.world import State
 
@@ -262,3 +263,10 @@ def facts_about(players: Collection[str], state: State) -> int:
     for player in players:
         facts |= state.facts & state.world.table.mentions(player)
     return facts
+
+
+def facts_apart_from(names: Collection[str], state: State) -> int:
+    """Return the facts of a state about players and items, without those about some of them."""
+    placed = scene(state).items()
+    others = {*state.world.players, *(name for name, each in placed if each.host is not None)}
+    return facts_about(others - {*names}, state) & ~facts_about(names, state)

@@ -21,7 +21,7 @@ import logging
 import math
 import random
 from collections import deque
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from robotouille.domain.rendering import NO_WORDS, Language
@@ -39,6 +39,7 @@ from robotouille.planning.policies.plan_watch import (
     Situation,
     Teammates,
     facts_about,
+    facts_apart_from,
     situation,
 )
 from robotouille.planning.policies.policy import Did, Script, Speech, does_something
@@ -62,7 +63,6 @@ from robotouille.planning.policies.team_talk import VERSION, announced_version
 from robotouille.planning.solvers import AnytimePlanner
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.signals import Intent, Signal
-from robotouille.world.scene import scene
 from robotouille.world.world import State, World
 
 logger = logging.getLogger(__name__)
@@ -445,15 +445,9 @@ class PlannerPolicy:
         """Return whether the seat would take what it had to lay down, though nothing changed."""
         laid_down, elsewhere = self._laid_down
         action = script.non_move_action(self.player)
-        if action is None or self._elsewhere(state, laid_down) != elsewhere:
+        if action is None or facts_apart_from({*self._team, *laid_down}, state) != elsewhere:
             return False
         return not set(laid_down).isdisjoint(action.arguments)
-
-    def _elsewhere(self, state: State, objects: Sequence[str]) -> int:
-        """Return the facts about outsiders and items, without those about the team and objects."""
-        items = (name for name, placed in scene(state).items() if placed.host is not None)
-        others = facts_about((*self._outsiders, *items), state)
-        return others & ~facts_about((*self._team, *objects), state)
 
     def _act_meanwhile(self, state: State) -> GroundAction | None:
         """Return an action during planning: one of the last plan, or a walk out of the way."""
@@ -611,7 +605,8 @@ class PlannerPolicy:
             # The next plan begins with other work, or takes the object again.
             for action in put_down(state, self.player)[:1]:
                 held = held_by(state, self.player)
-                self._laid_down = held, self._elsewhere(after(state, action), held)
+                apart = {*self._team, *held}
+                self._laid_down = held, facts_apart_from(apart, after(state, action))
                 return action
         walks = walks_out_of_the_way(state, self.player) if self._waited >= POLITE else []
         return self._random.choice(walks) if walks else None
