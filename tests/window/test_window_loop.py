@@ -224,8 +224,8 @@ async def test_closing_ends_the_run(window: Window, source: Game) -> None:
 async def test_the_run_lingers_after_the_end(window, source, linger: float) -> None:
     source.over = True
     await asyncio.wait_for(window.run(source, linger=linger), 5)
-    assert window.frames == pytest.approx(linger * 50 + 1, abs=1)
-    assert window.timer.now == pytest.approx(100 + linger, abs=0.03)
+    assert window.frames == pytest.approx(linger * 25 + 1, abs=1)
+    assert window.timer.now == pytest.approx(100 + linger, abs=0.05)
 
 
 async def test_an_outcome_stays_until_closed(window: Window, source: Game) -> None:
@@ -251,7 +251,7 @@ async def test_a_slow_frame_is_not_followed_by_fast_ones(window: Window, source:
     window.frame = slow
     await asyncio.wait_for(window.run(source, linger=0.0), 5)
     assert window.frames == 4
-    assert window.timer.now == pytest.approx(102.0)
+    assert window.timer.now == pytest.approx(102.0, abs=0.05)
 
 
 def test_another_world_in_the_same_window(window: Window, source: Game) -> None:

@@ -24,7 +24,10 @@ _Drawn = tuple[tuple[int, int], object, int, object, UiOverlay, tuple[str, bool,
 PRELOAD_SECONDS = 0.0004
 """Time after each frame for drawing pictures that later frames may need."""
 _IDLE_SECONDS = 0.02
-"""Sleep after a frame in which nothing changed; the longest delay until input is handled."""
+"""Sleep after a frame in which nothing changed; the longest delay until input is handled.
+
+Without input, the window sleeps twice as long until it looks for news of the game.
+"""
 CARD_KEYS = (("Arrows", "choose"), ("Enter", "OK"), ("Esc", "back"))
 
 
@@ -127,6 +130,10 @@ class Window:
                         break
                 due = max(due + max(idle, 1 / self.fps), now)
                 await self._sleep(due - now)
+                if idle and not pygame.event.peek():
+                    # Building a view takes longer than looking for input.
+                    due += _IDLE_SECONDS
+                    await self._sleep(_IDLE_SECONDS)
         finally:
             self.close()
 

@@ -112,6 +112,7 @@ class StarsRow(Row):
     """
 
     focusable = False
+    moves = True
 
     def __init__(self, rating: Rating) -> None:
         super().__init__(rating.words)

@@ -72,7 +72,8 @@ class ShownCard:
         self.form = form
         self.by_itself = by_itself
         self._clock = clock
-        self._moves_from = clock() if by_itself and not at_once else -math.inf
+        moves = by_itself and not at_once and any(row.moves for row in form.rows)
+        self._moves_from = clock() if moves else -math.inf
         self._held = set(held)
         patience = QUIET_SECONDS if by_itself and not at_once else 0.0
         self._mouse_from = self._keys_from = clock() + patience

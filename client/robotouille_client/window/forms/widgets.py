@@ -48,10 +48,12 @@ class DrawContext:
 class Row:
     """One row of a form.
 
-    `answer` is the form's result if the row is chosen; None if the row has no result.
+    `answer` is the form's result if the row is chosen; None if the row has no result. `moves` is
+    true if the row looks different while its card is new.
     """
 
     focusable = True
+    moves = False
     wants_letters = False
     wants_keys = False
     answer: object = None
