@@ -26,8 +26,8 @@ PAUSED_AT_A_TIME = 3
 """Episodes that are paused at a time. With more, each pause would be longer."""
 ADOPT_SECONDS = 5.0
 """Seconds that another node has to take an episode over."""
-STEP_SECONDS = 1.0
-"""Longest time to wait for the next step of an episode."""
+STEP_SECONDS = 2.0
+"""Longest time to wait for the next step of an episode. Most games have a step a second or more."""
 
 
 @dataclass(frozen=True, slots=True)
