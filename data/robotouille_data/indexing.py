@@ -262,6 +262,8 @@ def _index_files(url: str, files: Sequence[File], searches: Searches) -> dict[st
                 for each in read:
                     _store_alone(engine, each, faults, searches)
             faults |= {each.path: each.fault for each in read if each.fault}
+            # Otherwise these files stay in memory while the next ones are read.
+            read.clear()
     return faults
 
 
@@ -275,6 +277,7 @@ def _transactions(
         if each := _read(*file, faults, searches):
             read.append(each)
             size += each.plain_size
+        del each  # Otherwise it stays in memory while the next file is read.
         if size > MAX_PLAIN_BYTES:
             yield read
             read, size = [], 0

@@ -196,7 +196,7 @@ def test_small_files_that_expand_are_not_held_together(
     finally:
         tracemalloc.stop()
     assert report == IndexResult(indexed=6)
-    assert most < 5 * len(stream)
+    assert most < 3 * len(stream)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="file names are text elsewhere")

@@ -127,6 +127,10 @@ def test_events_of_a_step_and_marks_are_bounded(
     history = RecordedHistory(recording)
     assert len(history.marks) == 3
     assert len(history.entries(0)) == 1
+    monkeypatch.setattr(recorded_history, "MAX_NOTED", 100)
+    monkeypatch.setattr(recorded_history, "MAX_WORDS", 3)
+    said = [e.words for e in RecordedHistory(recording).entries(8) if e.kind is EntryKind.SAID]
+    assert said == ["the"]
 
 
 def test_messages_between_bots_are_hidden() -> None:

@@ -63,8 +63,8 @@ _KINDS = {
 MAX_KEPT, MAX_KEPT_ENTRIES = 256, 2_000
 # Events after a step that the log shows. A recording can have 300,000.
 MAX_NOTED = 1_000
-# Characters of a chat line; longer ones are cut.
-MAX_LINE = 500
+# Characters of a chat line and of an event in the log; longer ones are cut.
+MAX_LINE, MAX_WORDS = 500, 10_000
 # Notes from which interludes are made.
 _INTERLUDES = frozenset({"paused", "resumed", "restarted", "announced"})
 
@@ -273,7 +273,8 @@ class RecordedHistory(History):
         if kind in (EntryKind.REJECTED, EntryKind.SUPERSEDED):
             return Entry(step, kind, player, note["action"], tuple(note["reasons"]))
         if kind in (EntryKind.SAID, EntryKind.REASONING, EntryKind.ANNOUNCED):
-            return Entry(step, kind, player, note["text"], target=note.get("target") or "")
+            words = note["text"][:MAX_WORDS]
+            return Entry(step, kind, player, words, target=note.get("target") or "")
         return Entry(step, kind, player, words)
 
 
