@@ -109,6 +109,7 @@ def test_failures_are_shown_on_the_card(
     def script(server: Server) -> Iterator[None]:
         yield from lose(session)
         yield from session.choose("Save a video")
+        yield from wait(20)
         assert session.titles[-1] == "Not this time"
         assert missing in session.form.message
         yield from session.choose("Menu")
