@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -58,6 +59,28 @@ def test_abandoned_folder_is_deleted_without_following_links(tmp_path: Path) -> 
             assert other != draft
     assert list(tmp_path.iterdir()) == [precious]
     assert list(precious.iterdir())
+
+
+def test_draft_with_the_name_of_an_earlier_one_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another program can take the name as soon as the earlier draft is renamed."""
+    path, replace, others = tmp_path / "x", Path.replace, ExitStack()
+
+    def then_begin_another(draft: Path, target: Path) -> Path:
+        replaced = replace(draft, target)
+        assert others.enter_context(drafted(path)) == draft
+        return replaced
+
+    with others, monkeypatch.context() as patched:
+        patched.setattr(Path, "replace", then_begin_another)
+        replace_file(path, "one")
+        patched.undo()
+        with drafted_folder(tmp_path / "export") as folder:
+            folder.rename(tmp_path / "export")
+            assert others.enter_context(drafted_folder(tmp_path / "export")) == folder
+        assert folder.is_dir()
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "export", path]
 
 
 def test_planted_links_and_pipes_are_left_alone(tmp_path: Path) -> None:

@@ -56,13 +56,9 @@ def drafted(
     try:
         # Folders come from other people: a link or pipe they put there must never be opened.
         with _locked(names, lambda new: os.open(new, _NEW_FILE, mode)) as name:
-            try:
-                yield name
-                if replace or not _linked(name, path):
-                    name.replace(path)
-            finally:
-                with suppress(OSError):
-                    name.unlink(missing_ok=True)
+            yield name
+            if replace or not _linked(name, path):
+                name.replace(path)
     except OSError as error:
         if error.filename is None or Path(error.filename).name.startswith(f".{path.name}."):
             with suppress(AttributeError):  # Errors of PyAV have a read-only name.
@@ -78,10 +74,7 @@ def drafted_folder(path: Path) -> Iterator[Path]:
         OSError: The folder cannot be created.
     """
     with _locked(_names(path, "part"), _new_folder) as draft:
-        try:
-            yield draft
-        finally:
-            shutil.rmtree(draft, ignore_errors=True)
+        yield draft
 
 
 def _linked(name: Path, path: Path) -> bool:
@@ -107,7 +100,7 @@ def _is_private(path: Path) -> bool:
 
 @contextmanager
 def _locked(names: Iterable[Path], create: Callable[[Path], int]) -> Iterator[Path]:
-    """Create a draft under the first free name, and lock it for the time of the block."""
+    """Create a draft under the first free name, lock it, and delete it after the block."""
     for name in names:
         if not _is_free(name):
             continue
@@ -122,6 +115,8 @@ def _locked(names: Iterable[Path], create: Callable[[Path], int]) -> Iterator[Pa
             yield name
             return
         finally:
+            with suppress(OSError):
+                _discard(descriptor, name)
             os.close(descriptor)
     raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
 
@@ -144,6 +139,12 @@ if sys.platform == "win32":
 
     def _lock(descriptor: int) -> bool:
         return False
+
+    def _discard(descriptor: int, name: Path) -> None:
+        if name.is_dir():
+            shutil.rmtree(name)
+        else:
+            name.unlink(missing_ok=True)
 
 else:
     import fcntl
@@ -183,3 +184,8 @@ else:
         except OSError:
             return False
         return True
+
+    def _discard(descriptor: int, name: Path) -> None:
+        """Delete a draft unless it was renamed: its name may belong to another one by now."""
+        if _has_name(descriptor, name):
+            _deleted(descriptor, name)
