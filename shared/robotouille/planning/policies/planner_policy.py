@@ -445,9 +445,9 @@ class PlannerPolicy:
         """Return whether the seat would take what it had to lay down, though nothing changed."""
         laid_down, elsewhere = self._laid_down
         action = script.non_move_action(self.player)
-        if action is None or facts_apart_from({*self._team, *laid_down}, state) != elsewhere:
+        if action is None or set(laid_down).isdisjoint(action.arguments):
             return False
-        return not set(laid_down).isdisjoint(action.arguments)
+        return facts_apart_from({*self._team, *laid_down}, state) == elsewhere
 
     def _act_meanwhile(self, state: State) -> GroundAction | None:
         """Return an action during planning: one of the last plan, or a walk out of the way."""
