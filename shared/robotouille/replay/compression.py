@@ -150,5 +150,6 @@ def _feed(decompressor: zstd.ZstdDecompressor, piece: bytes, found: BytesIO, lim
         if not found.tell() and not more.startswith(MAGIC[: min(4, len(more))]):
             found.write(more)
             raise RecordingError(other_content(more))
-        if found.write(more) and found.tell() > limit:
+        found.write(more)
+        if found.tell() > limit:
             raise RecordingError(f"damaged: more than {limit:,} bytes, uncompressed")

@@ -159,7 +159,7 @@ class Header(Frame):
     labels: Annotated[dict[str, str], Field(max_length=MAX_LABELS)] = {}
     treatments: dict[str, SeatTreatment] = {}
     open_until: int = 0
-    rematch_by: Annotated[list[Text], Field(max_length=2)] = []
+    rematch_by: Annotated[list[Name], Field(max_length=2)] = []
 
 
 OrdersRow = Annotated[list[int | list[list[int]]], Field(min_length=6, max_length=6)]

@@ -151,7 +151,8 @@ class Sessions:
         if not self._tokens.past(grant.role_expires):
             # A closed recording does not show which tokens were replaced after the end. They may
             # show the end again, but grant no role that a stranger could misuse.
-            if session is None and home is not None and home.ended and _opens_episodes(grant):
+            shows_end = session is None and home is not None and home.ended
+            if shows_end and grant.role.includes(Role.HOST):
                 raise _expired("the episode of this connection has ended")
             return grant.role
         if not players and self._strict:
@@ -330,10 +331,6 @@ def _place(
         return session.room, session.players
     players = room.players_of(grant.session) if room is not None else ()
     return (room if players else None), players
-
-
-def _opens_episodes(grant: ResumeGrant) -> bool:
-    return grant.role.includes(Role.HOST)
 
 
 def _expired(why: str) -> ProtocolError:
