@@ -81,8 +81,9 @@ def _check_own(path: Path) -> None:
         raise CatalogueError(f"{path}: it is a symbolic link; name its file by --database")
     if path.exists() and not is_own(path):
         raise CatalogueError(
-            f"{path}: you have not made it on this computer, so it may be wrong. Delete it, and the"
-            " recordings are indexed again. If you trust it, name it by --database"
+            f"{path}: you have not made it on this computer, or have moved it, so it may be wrong."
+            " Delete it, and the recordings are indexed again. If you trust it, name it by"
+            " --database"
         )
 
 

@@ -178,7 +178,7 @@ class ChatLog:
         self._bubbles: list[tuple[float, Bubble]] = []
         """Bubbles, and until when they are shown."""
         self._lines: deque[tuple[str, str, int]] = deque(maxlen=CHAT_LINES)
-        """Speakers, texts, and how often each was said."""
+        """Speakers, texts, and the number of times of each."""
         self._notice = ""
         self._notice_until = 0.0
 
