@@ -340,7 +340,7 @@ def test_real_time_continues_while_bots_think() -> None:
     assert status(card, view)[0] == "thinking"
     assert sum(seat.actions for seat in view.seats) == 0
     bots.thinking = False
-    for _ in range(5):
+    for _ in range(10):
         timer.now += 0.1
         view = game.source.view()
     assert sum(seat.actions for seat in view.seats) == 1
