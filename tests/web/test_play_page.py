@@ -429,6 +429,19 @@ async def test_rematch_leads_both_to_the_next_game(browser: Any, tmp_path: Path)
             assert sorted(names(again)) == ["Ada", "Ben"]
 
 
+async def test_page_that_is_reloaded_after_the_end_shows_no_actions(
+    browser: Any, tmp_path: Path
+) -> None:
+    async with serving(tmp_path) as server:
+        room = opened_room(server, max_steps=3)
+        async with playing(browser, (link(server.port, room.code),) * 2) as (ada, _):
+            await expect(ada.locator("#cover")).to_contain_text("Time is up")
+            await ada.reload()
+            await expect(ada.locator("#cover")).to_contain_text("Time is up")
+            await expect(ada.locator(".dish li")).not_to_have_count(0)
+            await expect(ada.locator("#actions")).to_be_hidden()
+
+
 async def test_player_learns_which_bots_come_along(browser: Any, tmp_path: Path) -> None:
     async with serving(tmp_path) as server:
         room = opened_room(server, max_steps=3)

@@ -236,7 +236,7 @@ export class Session {
       if (game.phase === "waiting") tellParent("ready", { episode: game.episode, seat: game.me });
       if (game.phase === "running") tellParent("started", { episode: game.episode });
     }
-    byId("actions").hidden = game.me === null;
+    byId("actions").hidden = game.me === null || game.outcome !== null;
     showSeats(game);
     if (this.kitchen) {
       this.kitchen.seats = game.seats;
