@@ -179,7 +179,7 @@ class Room:
 
     @property
     def star_limits(self) -> StarLimits | None:
-        # Opening the room has simulated the plan already, for the step limit.
+        # The plan is simulated once for each task, for step limits, too.
         rules, task = self.episode.rules, self.world.task
         if task.problem.shift is not None:
             return None
