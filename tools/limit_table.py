@@ -46,6 +46,7 @@ from robotouille_server.operator.guard import MAX_BODY, REFUSED_A_MINUTE
 from robotouille_server.operator.models import MAX_OPENED
 from robotouille_server.operator.recordings import replay_pages, store
 from robotouille_server.operator.recordings.archive import MAX_ARCHIVED
+from robotouille_server.operator.service import MAX_NOTED_NAME
 from robotouille_server.rooms import rematches
 from robotouille_server.rooms.lobby import LINGER_SECONDS, MAX_ENDED
 from robotouille_server.rooms.participants.seat_limits import (
@@ -410,6 +411,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("Refused requests that are answered",
               f"{load.TURNS_A_SECOND:g} a second, bursts of {load.TURNS_BURST:g}",
               "Further refusals are answered later."),
+        Limit("Characters of the episode's name in the audit log's line about a refused request",
+              f"{MAX_NOTED_NAME}", "The line has the first ones only."),
         Limit("Requests that read recordings at the same time",
               f"{load.HEAVY_JOBS}, and {load.MAX_WAITING_JOBS} that wait",
               "HTTP status 503, `operator/busy`, with `Retry-After`."),

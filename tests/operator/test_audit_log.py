@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from robotouille_server.operator.service import MAX_NOTED_NAME
 from robotouille_server.runtime import logs
 from robotouille_server.runtime.logs import AuditLog
 from tests.support.operator import CHANGE, audited, bearer, table, viewing
@@ -71,6 +72,14 @@ async def test_refused_requests_for_another_episode_are_logged(tmp_path: Path) -
         ("announce to all", "auth/episode"),
         ("episode", "auth/episode"),
     ]
+
+
+@virtual
+async def test_refused_request_with_a_long_path_writes_a_short_line(tmp_path: Path) -> None:
+    async with viewing(tmp_path / "r") as (_, _, api):
+        await api.post(f"/api/episodes/{'x' * 12_000}/pause")
+    (line,) = audited(tmp_path / "r")
+    assert (line["result"], line["episode"]) == ("episode/unknown", "x" * MAX_NOTED_NAME)
 
 
 @virtual

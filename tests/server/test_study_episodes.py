@@ -81,6 +81,27 @@ async def test_reservation_survives_a_restart_and_ends_in_time(tmp_path: Path) -
 
 
 @virtual
+async def test_token_for_one_episode_lists_no_other_closed_episodes(tmp_path: Path) -> None:
+    closed = {"type": "list", "closed": True}
+    async with serving(tmp_path) as server, opened(server) as lab:
+        await host(lab, mint_token(server, Role.HOST))
+        for condition in ("bot", "human"):
+            asked = {**CREATE, "labels": {"condition": condition}}
+            opened_last = await lab.ask(asked, "created")
+            await lab.ask({"type": "close", "episode": opened_last["code"]}, "closed")
+        assert (await lab.ask(closed, "episodes"))["total"] == 2
+        for role, subject, only in (
+            (Role.OPERATOR, "o", opened_last["episode"]),
+            (Role.HOST, "p-1", opened_last["code"]),
+        ):
+            token = server.tokens.mint_role(role, subject, seconds=60, episode=only)
+            async with opened(server) as limited:
+                await host(limited, token)
+                (seen,) = (await limited.ask(closed, "episodes"))["episodes"]
+                assert seen["labels"] == {"condition": "human"}
+
+
+@virtual
 async def test_labels_are_shown_to_owner_and_operators(tmp_path: Path) -> None:
     async with serving(tmp_path) as server, opened(server) as lab, opened(server) as other:
         await host(lab, mint_token(server, Role.HOST))

@@ -8,6 +8,7 @@ from robotouille_server.auth.roles import (
     check_opening,
     check_permission,
     check_scope,
+    in_scope,
     same_episode,
 )
 from robotouille_server.auth.tokens import (
@@ -56,6 +57,7 @@ __all__ = [
     "check_scope",
     "comes_from",
     "counted_as",
+    "in_scope",
     "is_address",
     "key_file",
     "newcomer_group",

@@ -85,8 +85,13 @@ def check_opening(only: str) -> None:
 
 def check_scope(only: str, episode: str, code: str, field: str = "episode") -> None:
     """Raise ProtocolError `auth/episode` if a token for `only` is used for another episode."""
-    if only and not (same_episode(only, episode) or same_episode(only, code)):
+    if not in_scope(only, episode, code):
         raise ProtocolError("auth/episode", "your token is for another episode", field)
+
+
+def in_scope(only: str, episode: str, code: str) -> bool:
+    """Return whether a token for `only` is valid for an episode; an empty `only` has no limit."""
+    return not only or same_episode(only, episode) or same_episode(only, code)
 
 
 def same_episode(one: str, other: str) -> bool:

@@ -69,6 +69,8 @@ from robotouille_server.rooms.room import Room
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.workers import ElsewhereError
 
+MAX_NOTED_NAME = 64
+"""Characters of the episode's name in the audit log's line about a refused request."""
 MAX_UNRESTORED = 20
 WATCH_SECONDS = 0.25
 """Seconds between two looks at a watched episode."""
@@ -365,7 +367,7 @@ class OperatorService:
 
     def refused(self, what: str, episode: str, code: str) -> None:
         """Note a refused request of the principal in the audit log."""
-        self._note(what, episode, result=code)
+        self._note(what, episode[:MAX_NOTED_NAME], result=code)
 
     def _note(self, what: str, episode: str = "", result: str = "done", **details: str) -> None:
         note(self._server.audit, self._principal, what, episode, result, **details)

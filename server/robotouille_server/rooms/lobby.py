@@ -11,7 +11,7 @@ from robotouille.episode import Event, Phase
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
-from robotouille_server.auth import same_episode
+from robotouille_server.auth import in_scope, same_episode
 from robotouille_server.rooms.episode_driver import Machinery
 from robotouille_server.rooms.episode_setup import EpisodeSetup
 from robotouille_server.rooms.participants.seat_limits import LOOK_SECONDS
@@ -375,7 +375,9 @@ class Lobby:
             closed = [
                 one.info
                 for one in self._codes.unused()
-                if (operator or one.owner == owner) and wanted <= one.info.labels.items()
+                if (operator or one.owner == owner)
+                and in_scope(only, one.info.episode, one.info.code)
+                and wanted <= one.info.labels.items()
             ]
             page = closed[request.skip : request.skip + MAX_LISTED]
             return messages.Episodes(ref=request.ref, episodes=page, total=len(closed))
