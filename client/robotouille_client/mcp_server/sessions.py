@@ -204,8 +204,11 @@ class SessionKeeper:
             return False
         session.checked = self._now()
         try:
-            limits = asyncio.timeout(CHECK_SECONDS), self._rechecks
-            async with limits[0], limits[1], self._games.visit(session.caller):
+            async with (
+                asyncio.timeout(CHECK_SECONDS),
+                self._rechecks,
+                self._games.visit(session.caller),
+            ):
                 return False
         except ProtocolError as error:
             # Sessions go on with an expired token, and with one for a single session.
