@@ -13,6 +13,7 @@ from robotouille.episode import quota, rules, submissions
 from robotouille.protocol import codec, messages
 from robotouille.replay import container, payloads
 from robotouille.web import recording_page
+from robotouille.web.bounded_requests import MAX_HEAD_BYTES, MAX_HEAD_LINES
 from robotouille.world.grounding import ground_objects
 from robotouille.world.text import MAX_SENTENCE
 from robotouille_server.auth import revocation
@@ -436,6 +437,9 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("Time between two requests", f"{connections.KEEP_ALIVE_SECONDS} s", CUT),
         Limit("Time without progress of an unread response",
               f"{connections.STALL_SECONDS:g} s", CUT),
+        Limit("Head of a request, also to `robotouille-mcp`",
+              f"{_size(MAX_HEAD_BYTES)}, {MAX_HEAD_LINES} lines",
+              "HTTP status 400. A body in chunks (`Transfer-Encoding`) is refused too."),
         Limit("Request body", _size(MAX_BODY), "HTTP status 413, `request/size`."),
         Limit("Refused tokens in the audit log", f"{REFUSED_A_MINUTE} a minute",
               "A later line counts the rest."),

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from robotouille.web.bounded_requests import MAX_HEAD_LINES
 from robotouille_client.mcp_server import http
 from robotouille_client.mcp_server.http import PATH, HttpService, http_app, listening_socket
 from robotouille_client.mcp_server.open_games import OpenGames
@@ -49,6 +50,22 @@ async def test_incomplete_requests_are_cut_off(
     monkeypatch: pytest.MonkeyPatch, sent: bytes, answer: bytes
 ) -> None:
     monkeypatch.setattr(http, "REQUEST_SECONDS", 0.05)
+    received = await answered(sent)
+    assert received.startswith(answer)
+    assert bool(received) == bool(answer)
+
+
+CHUNKED = HEAD.partition(b"content")[0] + b"transfer-encoding: chunked\r\n\r\n" + b"1\r\na\r\n" * 9
+MANY_LINES = HEAD.partition(b"\r\n\r\n")[0] + b"\r\na:" * MAX_HEAD_LINES + b"\r\n\r\n"
+
+
+@pytest.mark.parametrize("sent", [CHUNKED, MANY_LINES], ids=["chunks", "lines"])
+async def test_costly_requests_of_strangers_are_refused(sent: bytes) -> None:
+    assert (await answered(sent)).startswith(b"HTTP/1.1 400")
+
+
+async def answered(sent: bytes) -> bytes:
+    """Return what the service answers to some bytes, before it closes the connection."""
     games = OpenGames("ws://127.0.0.1:9")
     app = http_app(mcp_server(lambda: games), games, idle_seconds=600)
     with listening_socket("127.0.0.1", 0) as listening:
@@ -60,8 +77,7 @@ async def test_incomplete_requests_are_cut_off(
             received = await asyncio.wait_for(reader.read(), 10)
         except ConnectionResetError:
             received = b""
-        assert received.startswith(answer)
-        assert bool(received) == bool(answer)
         writer.close()
         service.should_exit = True
         await serving_http
+    return received

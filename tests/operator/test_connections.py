@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 import trustme
 
+from robotouille.web.bounded_requests import MAX_HEAD_LINES
 from robotouille_server.operator import OperatorPort
 from robotouille_server.operator.connections import (
     KEEP_ALIVE_SECONDS,
@@ -250,6 +251,32 @@ async def test_connection_with_a_token_survives_a_flood(tmp_path: Path) -> None:
             async with clients(port) as (late,):
                 late.send(head(**bearer(server, "late")))
                 assert await late.status() == 200
+
+
+CHUNKED = head("/api/announce", "POST", **{"Transfer-Encoding": "chunked"}) + b"1\r\na\r\n" * 10_000
+MANY_LINES = head()[:-2] + b"a:\r\n" * MAX_HEAD_LINES + b"\r\n"
+
+
+@pytest.mark.parametrize("sent", [CHUNKED, MANY_LINES], ids=["chunks", "lines"])
+@pytest.mark.parametrize("secure", [False, True], ids=["plain", "TLS"])
+@virtual
+async def test_costly_requests_of_strangers_are_refused(
+    tmp_path: Path, sent: bytes, secure: bool
+) -> None:
+    problems: list[Any] = []
+    asyncio.get_running_loop().set_exception_handler(lambda _, problem: problems.append(problem))
+    authority = trustme.CA()
+    context, trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), ssl.create_default_context()
+    authority.issue_cert("127.0.0.1").configure_cert(context)
+    authority.configure_trust(trusting)
+    view, options = ({"tls": context}, {"ssl": trusting}) if secure else ({}, {})
+    opened = viewing(tmp_path, tokens=True, view=view)
+    async with opened as (_, port, _), clients(port, **options) as (stranger,):
+        stranger.send(sent)
+        # The client gets no answer if it still sends when the server closes the connection.
+        assert await stranger.status() in (0, 400)
+        await stranger.closed_at()
+    assert problems == []
 
 
 @virtual

@@ -136,12 +136,12 @@ async def test_chunked_body_is_refused(tmp_path: Path, method: str, length: dict
         headers = {**CHANGE, "Content-Type": "application/json", "Transfer-Encoding": "chunked"}
 
         async def chunks() -> AsyncIterator[bytes]:
-            yield b'{"text": "' + b"x" * 100_000 + b'"}'
+            yield b"{}"
 
         path = "/api/announce" if method == "POST" else "/api/overview"
         request = api.http.build_request(method, path, content=chunks(), headers=headers)
         request.headers.update(length)
-        assert refusal(await api.http.send(request)) == (413, "request/size")
+        assert (await api.http.send(request)).status_code == 400
 
 
 @virtual

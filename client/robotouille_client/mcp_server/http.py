@@ -16,6 +16,7 @@ from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from robotouille.web.bounded_requests import BoundedRequests
 from robotouille_client.mcp_server.open_games import bearer
 from robotouille_client.mcp_server.sessions import (
     MAX_SESSIONS,
@@ -167,6 +168,7 @@ class _Impatient(H11Protocol):
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
+        self.conn = BoundedRequests()
         self._group = address_group(self.client[0] if self.client else "")
         self._since = self.loop.time()
         self._awaited = self._waits_for()

@@ -21,6 +21,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.server import ServerState
 from websockets.datastructures import Headers
 
+from robotouille.web.bounded_requests import BoundedRequests
 from robotouille_server.auth import visitor
 from robotouille_server.operator.principal import RequestRefusedError
 from robotouille_server.transport import LoopBudget
@@ -337,7 +338,9 @@ class ConnectionFactory:
         self, config: Config, server_state: ServerState, app_state: dict[str, Any], _loop: Any
     ) -> asyncio.Protocol:
         def http(slot: ConnectionSlot) -> asyncio.Protocol:
-            return H11Protocol(config, server_state, {**app_state, "slot": slot}, _loop)
+            protocol = H11Protocol(config, server_state, {**app_state, "slot": slot}, _loop)
+            protocol.conn = BoundedRequests()
+            return protocol
 
         return OperatorConnection(self._slots, self._tls, self._budget, self._handshakes, http)
 

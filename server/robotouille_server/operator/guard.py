@@ -199,9 +199,9 @@ def _grant(authorize: Callable[[str], RoleGrant], token: str) -> RoleGrant:
 
 
 def _check_length(headers: Headers) -> None:
-    """Refuse bodies that are too large or, because they are chunked, have no known length."""
+    """Refuse bodies that are too large. `BoundedRequests` has refused those in chunks."""
     length = "".join(headers.get("content-length", ["0"]))
-    if "transfer-encoding" in headers or not length.isdecimal() or int(length) > MAX_BODY:
+    if not length.isdecimal() or int(length) > MAX_BODY:
         raise _too_large()
 
 
@@ -323,8 +323,7 @@ class Guard:
 
 
 def _has_body(scope: Scope) -> bool:
-    headers = _headers(scope)
-    return "transfer-encoding" in headers or headers.get("content-length", ["0"]) != ["0"]
+    return _headers(scope).get("content-length", ["0"]) != ["0"]
 
 
 def _missing(message: Message) -> Iterable[tuple[bytes, bytes]]:

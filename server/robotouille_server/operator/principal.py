@@ -18,7 +18,7 @@ CODES = {
     "request/origin": "the request came from a page of another web site",
     "request/header": "a POST request lacks the header `X-Robotouille-Operator`",
     "request/type": "the body is not `application/json`",
-    "request/size": "the body is larger than 16 KiB, has no length, or is chunked",
+    "request/size": "the body is larger than 16 KiB, or has no length",
     "request/invalid": "a parameter or field is invalid; the message names it",
     "request/unknown": "the path does not exist",
     "request/method": "the path does not support this method",
