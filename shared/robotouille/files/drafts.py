@@ -55,7 +55,7 @@ def drafted(
     names = _names(path, "tmp") if draft is None else [draft]
     try:
         # Folders come from other people: a link or pipe they put there must never be opened.
-        with _locked(names, lambda new: os.open(new, _NEW_FILE, mode)) as name:
+        with _locked(names, lambda new: _new_file(new, mode)) as name:
             yield name
             if replace or not _linked(name, path):
                 name.replace(path)
@@ -133,9 +133,14 @@ if sys.platform == "win32":
     def _is_free(name: Path) -> bool:
         return not os.path.lexists(name)
 
+    # Windows cannot rename open files, and cannot open folders.
+    def _new_file(name: Path, mode: int) -> int:
+        os.close(os.open(name, _NEW_FILE, mode))
+        return os.open(os.devnull, os.O_RDONLY)
+
     def _new_folder(name: Path) -> int:
         name.mkdir()
-        return os.open(os.devnull, os.O_RDONLY)  # Windows cannot open folders.
+        return os.open(os.devnull, os.O_RDONLY)
 
     def _lock(descriptor: int) -> bool:
         return False
@@ -172,6 +177,9 @@ else:
         else:
             return False
         return True
+
+    def _new_file(name: Path, mode: int) -> int:
+        return os.open(name, _NEW_FILE, mode)
 
     def _new_folder(name: Path) -> int:
         name.mkdir()
