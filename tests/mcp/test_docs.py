@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from robotouille.web.bounded_requests import MAX_HEAD_BYTES, MAX_HEAD_LINES
+from robotouille_client.mcp_server import server as mcp
 from robotouille_client.mcp_server.http import (
     MAX_BODY_BYTES,
     MAX_CONNECTIONS,
@@ -20,6 +22,7 @@ from robotouille_client.mcp_server.open_games import MAX_GAMES_OF_ONE
 from robotouille_client.mcp_server.results import GameView
 from robotouille_client.mcp_server.sessions import (
     CHECKS_AT_ONCE,
+    MAX_ACCEPTED,
     MAX_CALLS_OF_TOKEN,
     MAX_SESSIONS,
     MAX_SESSIONS_OF_ADDRESS,
@@ -66,9 +69,12 @@ def test_documented_limits_match_the_code() -> None:
     assert rows["calls of one token in progress (HTTP)"] == str(MAX_CALLS_OF_TOKEN)
     assert rows[f"sessions from one {ADDRESS}"] == str(MAX_SESSIONS_OF_ADDRESS)
     checked = (
-        "tokens that the game server checks at the same time, of new and of open sessions each"
+        "tokens that the game server checks at the same time, new and accepted ones each (HTTP)"
     )
     assert rows[checked] == str(CHECKS_AT_ONCE)
+    assert rows["accepted tokens that are remembered (HTTP)"] == str(MAX_ACCEPTED)
+    head = f"{MAX_HEAD_BYTES // 1024} KiB, {MAX_HEAD_LINES} lines"
+    assert rows["request head (HTTP)"] == head
     assert rows["connections (HTTP)"] == str(MAX_CONNECTIONS)
     assert rows["connections from one address (not on loopback)"] == str(MAX_CONNECTIONS_OF_ADDRESS)
     assert f"the last {MAX_LINES} lines" in read(PAGE)
@@ -83,6 +89,12 @@ async def test_texts_for_models_name_existing_tools(server: Server) -> None:
         assert "synchronous/01_cheese_sandwich" in [r["task"] for r in json.loads(tasks.text)]
         prompt = await ada.client.get_prompt("play", {"episode": "KQXZB-MHTWA"})
         assert "KQXZB-MHTWA" in prompt.messages[0].content.text
+
+
+def test_tasks_are_loaded_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    first = mcp.tasks()
+    monkeypatch.delattr(mcp, "load_task")
+    assert mcp.tasks() == first
 
 
 @pytest.mark.parametrize("name", ["mcp.json", "mcp-http.json"])

@@ -60,8 +60,11 @@ MANY_LINES = HEAD.partition(b"\r\n\r\n")[0] + b"\r\na:" * MAX_HEAD_LINES + b"\r\
 
 
 @pytest.mark.parametrize("sent", [CHUNKED, MANY_LINES], ids=["chunks", "lines"])
-async def test_costly_requests_of_strangers_are_refused(sent: bytes) -> None:
+async def test_costly_requests_of_strangers_are_refused_and_fill_no_log(
+    sent: bytes, capfd: pytest.CaptureFixture[str]
+) -> None:
     assert (await answered(sent)).startswith(b"HTTP/1.1 400")
+    assert not capfd.readouterr().err
 
 
 async def answered(sent: bytes) -> bytes:

@@ -47,6 +47,30 @@ async def test_handle_works_only_for_its_owner(server: Server) -> None:
 
 
 @opening(serving)
+async def test_token_that_is_not_yet_accepted_takes_no_place(server: Server) -> None:
+    asked = asyncio.Event()
+
+    async def silent(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        asked.set()
+        await reader.read()
+        writer.close()
+
+    async with await asyncio.start_server(silent, "127.0.0.1", 0) as slow:
+        games = OpenGames(f"ws://127.0.0.1:{slow.sockets[0].getsockname()[1]}", max_games=1)
+        async with games.running():
+            joining = asyncio.create_task(games.join(Caller("made-up"), TEAM, None, "player"))
+            await asked.wait()
+            games.url = server.url
+            ada = Caller(mint_token(server, Role.HOST), "ada", alone=False)
+            async with games.visit(ada) as client:
+                code = (await client.create(TEAM)).code
+            await games.join(ada, code, None, "player")
+            assert len(games) == 1
+            joining.cancel()
+            await asyncio.wait([joining])
+
+
+@opening(serving)
 async def test_idle_game_is_left(server: Server) -> None:
     """A client that vanished must not keep its seat."""
     async with agent(server.url, idle_seconds=100.0) as ada:

@@ -174,14 +174,15 @@ async def tokens(url: str, good: str) -> None:
         answer = await http.post(url, json=PING, headers={**ACCEPT, **proxied})
         assert answer.status_code == 401
         assert answer.headers["www-authenticate"].startswith("Bearer")
-    async with with_bearer(url, "nonsense", **proxied) as eve:
-        said = await eve.refused("list_episodes")
-        assert "auth/invalid" in said and "role token" in said
+        stateless = {**ACCEPT, **proxied, "mcp-protocol-version": "2026-07-28"}
+        for wrong in ("nonsense", good + "x"):
+            stateless["authorization"] = f"Bearer {wrong}"
+            answer = await http.post(url, json=PING, headers=stateless)
+            assert answer.status_code == 401
+            assert "invalid token" in answer.text
     async with with_bearer(url, good, **proxied) as ada:
         await play_to_the_goal(ada)
         game = (await ada.call("join", episode=await ada.opened(ALONE)))["game"]
-        async with with_bearer(url, good + "x", **proxied) as eve:
-            assert "no game" in await eve.refused("observe", game=game)
         assert (await ada.call("observe", game=game))["game"] == game
 
 

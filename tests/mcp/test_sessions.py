@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 from collections import Counter
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -35,6 +36,12 @@ HELLO = {
 PING = {"jsonrpc": "2.0", "id": 2, "method": "ping"}
 ACCEPT = {"accept": "application/json, text/event-stream"}
 MADE_UP = "made-up"
+STATELESS = "2026-07-28"
+CLIENT = {
+    "protocolVersion": STATELESS,
+    "clientCapabilities": {},
+    "clientInfo": {"name": "ada", "version": "1"},
+}
 
 
 class Service:
@@ -55,9 +62,9 @@ class Service:
         revoke(path, [grant.token_id], grant.expires, 0.0)
 
     async def send(
-        self, content: object, token: str = "", session: str = "", method: str = "POST"
+        self, content: object, token: str = "", session: str = "", method: str = "POST", **more: str
     ) -> httpx.Response:
-        headers = {**ACCEPT, "mcp-session-id": session, "authorization": f"Bearer {token}"}
+        headers = {**ACCEPT, "mcp-session-id": session, "authorization": f"Bearer {token}", **more}
         given = {name: value for name, value in headers.items() if value.strip() != "Bearer"}
         given = {name: value for name, value in given.items() if value}
         return await self._raw.request(method, self.url, json=content, headers=given)
@@ -71,6 +78,14 @@ class Service:
             assert answer.status_code == 200
             yield
 
+    async def stateless(self, token: str, subject: str = "guide") -> httpx.Response:
+        """Read a resource without a session."""
+        uri = f"robotouille://{subject}"
+        meta = {f"io.modelcontextprotocol/{name}": value for name, value in CLIENT.items()}
+        request = {**PING, "method": "resources/read", "params": {"uri": uri, "_meta": meta}}
+        headers = {"mcp-protocol-version": STATELESS, "mcp-method": "resources/read"}
+        return await self.send(request, token, **headers, **{"mcp-name": uri})
+
     async def opened(self, token: str = "") -> str:
         """Open a session and return its id."""
         answer = await self.send(HELLO, token)
@@ -82,8 +97,10 @@ class Service:
 
 
 @asynccontextmanager
-async def service(folder: Path) -> AsyncIterator[Service]:
-    async with serving(folder) as server, httpx.AsyncClient(trust_env=False, timeout=30) as raw:
+async def service(folder: Path, **options: Any) -> AsyncIterator[Service]:
+    async with AsyncExitStack() as stack:
+        server = await stack.enter_async_context(serving(folder, **options))
+        raw = await stack.enter_async_context(httpx.AsyncClient(trust_env=False, timeout=30))
         games = OpenGames(server.url)
         app = http_app(mcp_server(lambda: games), games, idle_seconds=600)
         with listening_socket("127.0.0.1", 0) as listening:
@@ -105,6 +122,57 @@ async def test_made_up_tokens_open_no_session(tmp_path: Path) -> None:
             assert "mcp-session-id" not in answer.headers
         ada = mcp.token("ada")
         assert await mcp.alive(await mcp.opened(ada), ada)
+
+
+async def test_requests_without_a_session_need_a_token_of_the_game_server(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with service(tmp_path) as mcp:
+        ada = mcp.token("ada")
+        for _ in range(2):
+            assert (await mcp.stateless(MADE_UP)).status_code == 401
+            assert (await mcp.stateless(ada)).status_code == 200
+        mcp.revoke(ada)
+        monkeypatch.setattr(sessions, "RECHECK_SECONDS", 0.0)
+        assert (await mcp.stateless(ada)).status_code == 401
+
+
+async def test_accepted_token_is_checked_once_in_a_while(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with service(tmp_path) as mcp:
+        ada = mcp.token("ada")
+        session = await mcp.opened(ada)
+        url, mcp.games.url = mcp.games.url, "ws://127.0.0.1:9"
+        assert (await mcp.stateless(ada)).status_code == 200
+        assert (await mcp.stateless(mcp.token("bob"))).status_code == 503
+        monkeypatch.setattr(sessions, "RECHECK_SECONDS", 0.0)
+        assert (await mcp.stateless(ada)).status_code == 200
+        monkeypatch.setattr(sessions, "MAX_ACCEPTED", 0)
+        mcp.games.url = url
+        assert await mcp.alive(session, ada)
+        mcp.games.url = "ws://127.0.0.1:9"
+        assert (await mcp.stateless(ada)).status_code == 503
+
+
+async def test_token_that_has_expired_plays_its_game_to_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions, "RECHECK_SECONDS", 0.0)
+    wall = [1_800_000_000.0]
+    async with service(tmp_path, wall=lambda: wall[0]) as mcp:
+        ada, bob = mcp.token("ada"), mcp.token("bob")
+        caller = Caller(ada, alone=False)
+        async with mcp.games.visit(caller) as client:
+            code = (await client.create("synchronous/01")).code
+        await mcp.games.join(caller, code, None, "player")
+        for token in (ada, bob):
+            assert (await mcp.stateless(token)).status_code == 200
+        wall[0] += 7200
+        assert (await mcp.stateless(ada)).status_code == 200
+        assert (await mcp.stateless(bob)).status_code == 401
+        await mcp.games.close_all()
+        assert (await mcp.stateless(ada)).status_code == 401
 
 
 async def test_token_that_is_too_long_is_refused_without_repeating_it(tmp_path: Path) -> None:

@@ -222,7 +222,7 @@ class HttpService(uvicorn.Server):
             uvicorn.Config(
                 app,
                 http=_Impatient,
-                log_level="warning",
+                log_level="error",  # Strangers can cause warnings at will.
                 access_log=False,
                 server_header=False,
                 # Connections that were replaced still count for a moment.

@@ -95,28 +95,37 @@ class OpenGames:
             RobotouilleError: Too many games are open, or the game server refuses.
             ValueError: The message does not allow one of the arguments.
         """
-        with self._place(caller):
-            client = await Client(
-                self.url, name=caller.name, kind="model", token=caller.token
-            ).__aenter__()
-            try:
+        self._check_places(caller)
+        # Only a token that the game server has accepted may take a place.
+        client = await Client(
+            self.url, name=caller.name, kind="model", token=caller.token
+        ).__aenter__()
+        try:
+            with self._place(caller):
                 game = await client.join(episode, seat=seat, role=role, partial=True)
-            except BaseException:
-                await client.close()
-                raise
-            handle = f"game-{secrets.token_urlsafe(12)}"
-            opened = OpenGame(handle, caller.owner, client, game, caller.mcp_session)
-            opened.last_used = asyncio.get_running_loop().time()
-            self._games[handle] = opened
-            return opened
+        except BaseException:
+            await client.close()
+            raise
+        handle = f"game-{secrets.token_urlsafe(12)}"
+        opened = OpenGame(handle, caller.owner, client, game, caller.mcp_session)
+        opened.last_used = asyncio.get_running_loop().time()
+        self._games[handle] = opened
+        return opened
 
-    @contextmanager
-    def _place(self, caller: Caller) -> Iterator[None]:
-        # Reserved before the join, so that parallel joins cannot exceed the limits.
+    def plays(self, caller: Caller) -> bool:
+        """Return whether a caller has games."""
+        return caller.owner in self._places
+
+    def _check_places(self, caller: Caller) -> None:
         if self._places.total() >= self._max_games:
             raise RobotouilleError(f"this program already plays {self._max_games} games")
         if caller.token and self._places[caller.owner] >= MAX_GAMES_OF_ONE:
             raise RobotouilleError(f"you already have {MAX_GAMES_OF_ONE} open games; leave one")
+
+    @contextmanager
+    def _place(self, caller: Caller) -> Iterator[None]:
+        # Reserved before the join, so that parallel joins cannot exceed the limits.
+        self._check_places(caller)
         self._places[caller.owner] += 1
         try:
             yield

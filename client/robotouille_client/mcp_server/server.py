@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
 import json
 import os
 import signal
+import threading
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import Annotated, Any
@@ -62,6 +64,8 @@ Before each action, think about what the goal still needs, and pass your thought
 When the episode has ended, call leave and summarize the game for me."""
 
 
+_LISTING = threading.Lock()
+"""Lock that makes one of the library's threads load the tasks, and the others wait for it."""
 READ_ONLY = ("list_episodes", "observe", "list_actions", "wait")
 
 
@@ -102,6 +106,12 @@ def guide() -> str:
 
 def tasks() -> str:
     """List the tasks for create_episode with their seats and goals."""
+    with _LISTING:
+        return _task_list()
+
+
+@functools.cache
+def _task_list() -> str:
     rows = []
     for name in task_names():
         task = load_task(name)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import ipaddress
-from collections import Counter
+import math
+from collections import Counter, OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -31,11 +32,13 @@ MAX_CALLS_OF_TOKEN = 64
 """Requests of a token in progress. Calls of the tool `wait` take a minute each and would otherwise
 use up the connections of all."""
 CHECKS_AT_ONCE = 8
-"""Tokens of newcomers that the game server checks at the same time, and tokens of open sessions.
-Strangers with made-up tokens can therefore not delay the requests of open sessions."""
+"""Tokens of newcomers that the game server checks at the same time, and accepted tokens. Strangers
+with made-up tokens can therefore not delay the requests of others."""
 CHECK_SECONDS = 10.0
 RECHECK_SECONDS = 30.0
-"""Seconds after which a session's next request checks again whether its token is revoked."""
+"""Seconds after which the next request with a token checks the token again."""
+MAX_ACCEPTED = 1024
+"""Accepted tokens that are remembered."""
 VERSION_HEADER = "mcp-protocol-version"
 
 
@@ -60,7 +63,6 @@ class McpSession:
     """An open session.
 
     Attributes:
-        checked: The time at which the game server last checked the token.
         calls: The number of requests in progress.
     """
 
@@ -68,7 +70,6 @@ class McpSession:
     caller: Caller
     group: str
     last_used: float
-    checked: float
     calls: int = 0
 
 
@@ -106,6 +107,8 @@ class SessionKeeper:
         self._opening: list[McpSession] = []
         self._checks = asyncio.Semaphore(CHECKS_AT_ONCE)
         self._rechecks = asyncio.Semaphore(CHECKS_AT_ONCE)
+        # The owners of accepted tokens, with the time of the last check.
+        self._accepted: OrderedDict[str, float] = OrderedDict()
         self._calls: Counter[str] = Counter()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -133,12 +136,12 @@ class SessionKeeper:
         scope = {**scope, **_identity(caller)}
         if session := headers.get(SESSION_HEADER):
             await self._use(session, caller, (scope, receive, send))
-        elif not _opens_session(scope, headers):
-            await self._app(scope, receive, send)
         elif refusal := await self._refusal(caller):
             await refusal(scope, receive, send)
-        else:
+        elif _opens_session(scope, headers):
             await self._open(caller, (scope, receive, send))
+        else:
+            await self._app(scope, receive, send)
 
     async def _use(self, name: str, caller: Caller, request: tuple[Scope, Receive, Send]) -> None:
         scope, receive, send = request
@@ -147,7 +150,7 @@ class SessionKeeper:
             # The library answers 404, because the session has ended or belongs to another token.
             await self._app(scope, receive, send)
             return
-        if await self._is_revoked(session):
+        if await self._is_revoked(caller):
             await self._end(session, scope)
             await self._games.end_session(name, caller.owner)
             await invalid_token("the operator has revoked the token")(scope, receive, send)
@@ -167,7 +170,7 @@ class SessionKeeper:
     async def _open(self, caller: Caller, request: tuple[Scope, Receive, Send]) -> None:
         scope, receive, send = request
         group = address_group((scope.get("client") or ("", 0))[0])
-        new = McpSession("", caller, group, self._now(), self._now())
+        new = McpSession("", caller, group, self._now())
         self._opening.append(new)
         answer = _Answer(send)
         try:
@@ -182,39 +185,52 @@ class SessionKeeper:
             self._sessions[new.id] = new
 
     async def _refusal(self, caller: Caller) -> Response | None:
-        """Ask the game server whether it accepts the caller's token."""
-        if caller.token is None:
+        """Return the answer to a request without a session whose token is not accepted."""
+        known = caller.owner in self._accepted
+        error = await self._checked(caller, self._rechecks if known else self._checks)
+        if error is None:
             return None
-        try:
-            async with asyncio.timeout(CHECK_SECONDS), self._checks, self._games.visit(caller):
-                return None
-        except ValidationError:  # Its text would repeat the token.
+        if isinstance(error, ValidationError):  # Its text would repeat the token.
             return invalid_token("the token is too long or not a token")
-        except ProtocolError as error:
-            if error.code.startswith("auth/"):
-                return invalid_token(error.message)
-            reason = error.message
-        except (RobotouilleError, TimeoutError) as error:
-            reason = str(error)
-        return _unavailable(f"the game server cannot check the token: {reason}")
+        reason = error.message if isinstance(error, ProtocolError) else str(error)
+        if isinstance(error, ProtocolError) and error.code.startswith("auth/"):
+            if error.code != ErrorCode.AUTH_REVOKED and self._games.plays(caller):
+                return None
+            self._accepted.pop(caller.owner, None)
+            return invalid_token(reason)
+        return None if known else _unavailable(f"the game server cannot check the token: {reason}")
 
-    async def _is_revoked(self, session: McpSession) -> bool:
-        """Ask the game server, from time to time, whether a session's token was revoked."""
-        if not session.caller.token or self._now() < session.checked + RECHECK_SECONDS:
-            return False
-        session.checked = self._now()
+    async def _is_revoked(self, caller: Caller) -> bool:
+        """Return whether the token of an open session was revoked."""
+        error = await self._checked(caller, self._rechecks)
+        # Sessions go on with an expired token, and with one for a single session.
+        revoked = isinstance(error, ProtocolError) and error.code == ErrorCode.AUTH_REVOKED
+        if revoked:
+            self._accepted.pop(caller.owner, None)
+        return revoked
+
+    async def _checked(
+        self, caller: Caller, turns: asyncio.Semaphore
+    ) -> RobotouilleError | ValidationError | TimeoutError | None:
+        """Ask the game server, from time to time, why it refuses a token; None if it accepts it."""
+        last = self._accepted.get(caller.owner, -math.inf)
+        if not caller.token or self._now() < last + RECHECK_SECONDS:
+            return None
+        if turns is self._rechecks:
+            # Parallel requests of the token do not check it too.
+            self._accept(caller)
         try:
-            async with (
-                asyncio.timeout(CHECK_SECONDS),
-                self._rechecks,
-                self._games.visit(session.caller),
-            ):
-                return False
-        except ProtocolError as error:
-            # Sessions go on with an expired token, and with one for a single session.
-            return error.code == ErrorCode.AUTH_REVOKED
-        except (RobotouilleError, TimeoutError):
-            return False
+            async with asyncio.timeout(CHECK_SECONDS), turns, self._games.visit(caller):
+                self._accept(caller)
+        except (RobotouilleError, ValidationError, TimeoutError) as error:
+            return error
+        return None
+
+    def _accept(self, caller: Caller) -> None:
+        self._accepted[caller.owner] = self._now()
+        self._accepted.move_to_end(caller.owner)
+        if len(self._accepted) > MAX_ACCEPTED:
+            self._accepted.popitem(last=False)
 
     async def _make_room(self, new: McpSession, scope: Scope) -> Response | None:
         """End sessions without a game until the new one is within all limits."""
