@@ -72,7 +72,9 @@ class Server:
         pages = HttpPages(settings, self._full, self._is_ready, self._metrics_page, self.worker)
         per_address = settings.max_connections_per_address
         newcomers = Newcomers(per_address, SILENT_FACTOR * per_address, pages.newcomer_group)
-        self.admission = Admission(self.metrics, limit, settings.hello_seconds, newcomers)
+        self.admission = Admission(
+            self.metrics, limit, settings.hello_seconds, newcomers, pages.newcomer_turn_group
+        )
         loop_budget = self.admission.loop_budget
         self.lobby = Lobby(settings, self.metrics, self.sessions, loop_budget, around)
         self.shutdown = Shutdown()

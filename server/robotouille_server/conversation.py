@@ -359,7 +359,7 @@ class Conversation:
         counted = counted_as(self._connection.who, subject)
         self._services.connection_limiter.admit(self._connection, counted, instead_of)
         self._counted = counted
-        self.peer.socket.group = counted.turn_group
+        self.peer.socket.share_turns(counted.turn_group)
 
     def _attach(self, session: Session) -> None:
         """Make this the session's connection, and close an earlier one."""

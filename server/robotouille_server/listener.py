@@ -20,6 +20,7 @@ from robotouille_server.auth import (
     Visitor,
     comes_from,
     newcomer_group,
+    newcomer_turn_group,
     origin_refusal,
     parse_networks,
     parse_origins,
@@ -96,6 +97,10 @@ class HttpPages:
     def newcomer_group(self, peer: object) -> str:
         """Return what a connection without a request counts as; empty for no limit."""
         return newcomer_group(peer, self._proxies)
+
+    def newcomer_turn_group(self, peer: object) -> str | None:
+        """Return the group with which a connection without a request shares turns."""
+        return newcomer_turn_group(peer, self._proxies)
 
     def answer(self, connection: Connection, request: Request) -> Response | None:
         """Answer a request; return None to go on with the WebSocket handshake."""
@@ -179,7 +184,7 @@ class Connections:
         """Serve a connection after its handshake."""
         services = self._services
         who = self._pages.visitor(connection, request)
-        connection.group = who.turn_group
+        connection.share_turns(who.turn_group)
         codec = codec_for(connection.subprotocol)
         peer = Peer(connection, codec, services.metrics, services.settings.stall_seconds)
         counted = CountedConnection(who, partial(self._displace, peer))

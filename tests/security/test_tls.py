@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import json
 import os
 import ssl
 import sys
 import threading
 import tracemalloc
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -21,9 +22,11 @@ from websockets.asyncio.server import ServerConnection, serve
 
 from robotouille_client import Client
 from robotouille_client.errors import ConnectionFailedError
+from robotouille_server.auth import Role
 from robotouille_server.cli import _greeting, first_room
 from robotouille_server.transport.admission import FAIR_SECONDS, HANDSHAKES_AT_ONCE
 from robotouille_server.transport.connection import Connection
+from robotouille_server.transport.loop_budget import LoopBudget
 from robotouille_server.transport.tls import (
     MAX_PEM_BYTES,
     POLL_SECONDS,
@@ -31,9 +34,10 @@ from robotouille_server.transport.tls import (
     TLSFileError,
     certificate_names,
 )
-from robotouille_server.transport.tls_records import RECORDS_AT_A_TIME
+from robotouille_server.transport.tls_records import RECORDS_AT_A_TIME, RecordMeter
 from tests.support.client_hello import slow_hello
 from tests.support.fuzzing.wire import frame, request
+from tests.support.handshakes import mint_token
 from tests.support.servers import serving
 from tests.support.virtual_time import run, virtual
 
@@ -426,6 +430,46 @@ def test_turn_decrypts_few_of_many_small_records(
     asyncio.run(main())
     assert sum(sizes) > 3000
     assert max(sizes) <= RECORDS_AT_A_TIME
+
+
+@virtual
+async def test_records_share_the_turns_of_their_address_then_of_their_subject(
+    pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    groups: list[object] = []
+    wait = LoopBudget.wait
+
+    def noted(budget: LoopBudget, resume: Callable[[], None], group: object = None) -> None:
+        if isinstance(getattr(resume, "__self__", None), RecordMeter):
+            groups.append(group)
+        wait(budget, resume, group)
+
+    monkeypatch.setattr(LoopBudget, "wait", noted)
+    async with serving(
+        tmp_path / "r", tls_cert=pair.cert, tls_key=pair.key, trust_proxy="loopback"
+    ) as server:
+        server.admission.turn_group_of = lambda peer: "203.0.113.7"
+        reader, writer = await asyncio.open_connection("127.0.0.1", server.port, ssl=pair.client())
+
+        async def small_records(content: bytes) -> list[object]:
+            for byte in content:
+                writer.write(bytes((byte,)))
+            await writer.drain()
+            await asyncio.sleep(1)
+            return [*dict.fromkeys(groups)]
+
+        writer.write(request(more="X-Forwarded-For: 203.0.113.8\r\n"))
+        await asyncio.sleep(1)
+        assert groups
+        assert {*groups} == {"203.0.113.7"}
+        groups.clear()
+        token = mint_token(server, Role.PLAYER)
+        hello = {"type": "hello", "protocol": 1, "name": "ada", "token": token}
+        assert await small_records(frame(json.dumps(hello).encode())) == ["203.0.113.8"]
+        await reader.readuntil(b'"welcome"')
+        groups.clear()
+        assert await small_records(frame(b'{"type": "resync"}' + b" " * 300)) == ["subject p-1"]
+        writer.transport.abort()
 
 
 def test_messages_in_large_records_arrive_whole(pair: Pair, tmp_path: Path) -> None:

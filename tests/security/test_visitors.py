@@ -21,6 +21,7 @@ from robotouille_server.auth.visitors import (
     Visitor,
     counted_as,
     newcomer_group,
+    newcomer_turn_group,
     origin_refusal,
     parse_networks,
     parse_origins,
@@ -318,6 +319,22 @@ def test_repeated_hello_takes_one_slot() -> None:
 )
 def test_connections_without_request_count_by_their_socket(peer: object, group: str) -> None:
     assert newcomer_group(peer, parse_networks("10.0.0.0/8", "--trust-proxy")) == group
+
+
+@pytest.mark.parametrize(
+    ("peer", "group"),
+    [
+        (("203.0.113.9", 4000), "203.0.113.9"),
+        (("2001:db8:1:2:3::4", 4000, 0, 0), "2001:db8:1::/48"),
+        (("127.0.0.1", 4000), None),
+        (("10.0.0.7", 4000), None),
+        (None, "unknown"),
+    ],
+)
+def test_connections_without_request_share_turns_by_their_socket(
+    peer: object, group: str | None
+) -> None:
+    assert newcomer_turn_group(peer, parse_networks("10.0.0.0/8", "--trust-proxy")) == group
 
 
 def test_token_bearers_count_by_subject() -> None:

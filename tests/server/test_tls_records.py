@@ -181,6 +181,21 @@ async def test_turn_takes_few_handshakes_of_all_connections() -> None:
     assert all(pair.received == hello for pair in pairs)
 
 
+async def test_client_waits_for_one_of_many_connections_of_another_address() -> None:
+    """A stranger could otherwise delay every client by hundreds of connections."""
+    flood, ada = [Pair() for _ in range(50)], Pair()
+    for pair in (*flood, ada):
+        pair.meter._budget = flood[0].budget
+        pair.meter.group = "203.0.113.7"
+    ada.meter.group = "203.0.113.8"
+    for pair in (*flood, ada):
+        pair.socket.receive(record(17) * RECORDS_AT_A_TIME * 2)
+    assert not ada.received
+    await turns()
+    assert ada.received
+    assert not flood[-1].received
+
+
 async def test_records_are_charged_to_the_budget() -> None:
     pair = Pair()
     for _ in range(int(LOOP_BUDGET / RECORD_COST)):

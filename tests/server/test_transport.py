@@ -205,7 +205,7 @@ class Caller:
 async def test_silent_connections_of_one_address_replace_each_other() -> None:
     groups = {"": "", "a": "a", "b": "b"}
     newcomers = Newcomers(1, 2, lambda peer: groups[str(peer)])
-    admission = Admission(Metrics(), 100, SECONDS, newcomers)
+    admission = Admission(Metrics(), 100, SECONDS, newcomers, str)
     here, strangers, other = [Caller() for _ in range(5)], [Caller() for _ in range(4)], Caller()
     for peer, callers in (("", here), ("a", strangers), ("b", [other])):
         for caller in callers:
@@ -221,7 +221,7 @@ async def test_silent_connections_of_one_address_replace_each_other() -> None:
 
 @virtual
 async def test_silent_connections_do_not_replace_one_that_has_sent_data() -> None:
-    admission = Admission(Metrics(), 100, SECONDS, Newcomers(1, 2, str))
+    admission = Admission(Metrics(), 100, SECONDS, Newcomers(1, 2, str), str)
     victim = Caller()
     admission.enter(victim, "a", heard=False)
     admission.enter(victim, "a", heard=True)

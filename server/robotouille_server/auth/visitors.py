@@ -162,12 +162,26 @@ def newcomer_group(peer: object, proxies: Collection[Network]) -> str:
 
     Programs on this machine and trusted proxies are not limited.
     """
+    who = _newcomer(peer, proxies)
+    return "" if who is None else who.group
+
+
+def newcomer_turn_group(peer: object, proxies: Collection[Network]) -> str | None:
+    """Return the group with which a connection without a request shares turns.
+
+    Programs on this machine and connections of trusted proxies have turns of their own: None.
+    """
+    who = _newcomer(peer, proxies)
+    return None if who is None else who.turn_group
+
+
+def _newcomer(peer: object, proxies: Collection[Network]) -> Visitor | None:
     address = _peer_address(peer)
     if address is None:
-        return UNKNOWN
+        return Visitor(UNKNOWN, local=False, group=UNKNOWN)
     if address.is_loopback or any(address in network for network in proxies):
-        return ""
-    return _group(address)
+        return None
+    return Visitor(str(address), local=False, group=_group(address), site=_site(address))
 
 
 def comes_from(peer: object, headers: Headers, networks: Collection[Network]) -> bool:

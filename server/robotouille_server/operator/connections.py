@@ -264,7 +264,7 @@ class OperatorConnection(asyncio.Protocol):
         # Strangers can cause failed handshakes at will, so these are not logged.
         try:
             encrypted = await start_metered_tls(
-                ClientHello(raw), self, tls, self._budget, REQUEST_SECONDS
+                ClientHello(raw, group=slot.group or None), self, tls, self._budget, REQUEST_SECONDS
             )
         except OSError as error:
             error.__traceback__ = None  # As in `Handshakes.make`: a cycle would keep the TLS.

@@ -187,11 +187,18 @@ class Admission:
         opening_seconds: The seconds that a client has for its first byte, again for its TLS
             handshake, and again for its request.
         newcomers: The connections that have not completed their handshake yet.
+        turn_group_of: Returns the group with which a peer name shares turns before its request;
+            None for turns of its own.
         admitted: The number of connections.
     """
 
     def __init__(
-        self, metrics: Metrics, limit: int, opening_seconds: float, newcomers: Newcomers
+        self,
+        metrics: Metrics,
+        limit: int,
+        opening_seconds: float,
+        newcomers: Newcomers,
+        turn_group_of: Callable[[object], str | None],
     ) -> None:
         loop = asyncio.get_running_loop()
         self.metrics = metrics
@@ -201,6 +208,7 @@ class Admission:
         self.loop_budget = LoopBudget(loop)
         self.handshakes = Handshakes(loop, self.loop_budget)
         self.newcomers = newcomers
+        self.turn_group_of = turn_group_of
         self.admitted = 0
         self._empty: asyncio.Future[None] | None = None
 

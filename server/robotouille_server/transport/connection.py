@@ -44,7 +44,7 @@ from robotouille_server.runtime.process_limits import few_left
 from robotouille_server.runtime.timer_queue import LATE
 from robotouille_server.transport.admission import Admission
 from robotouille_server.transport.loop_budget import TURN_SECONDS
-from robotouille_server.transport.tls_records import ClientHello
+from robotouille_server.transport.tls_records import METER, ClientHello
 
 MAX_OWN = 2 * MAX_CLIENT_BYTES
 """Maximum size of a frame; larger messages are answered by an error."""
@@ -323,6 +323,13 @@ class Connection(BufferedReader):
             # Reading stops, so a flood stays in the kernel's buffers and TCP slows down its sender.
             self._admission.loop_budget.wait(self._resume_after_others, self.group)
 
+    def share_turns(self, group: str | None) -> None:
+        """Share the turns of a group from now on, for frames and for TLS records."""
+        self.group = group
+        meter = self.transport.get_extra_info(METER)
+        if meter is not None:
+            meter.group = group
+
     def _resume_after_others(self) -> None:
         self._paused.discard(GIVE_WAY)
         if self._paused or self.transport.is_closing():
@@ -600,9 +607,10 @@ class PendingConnection(BufferedReader):
 
     async def _encrypt(self, raw: asyncio.Transport, tls: ssl.SSLContext, first: bytes) -> None:
         encrypted, admission = None, self._admission
+        group = admission.turn_group_of(raw.get_extra_info("peername"))
         try:
             encrypted = await admission.handshakes.make(
-                ClientHello(raw, first), self, tls, admission.opening_seconds
+                ClientHello(raw, first, group), self, tls, admission.opening_seconds
             )
         finally:
             self._encrypting = None

@@ -28,6 +28,9 @@ RECORD_COST = 2.0
 HANDSHAKE_COST = 48.0
 """Cost of a record of a handshake. A signature with an RSA key of 4,096 bits takes milliseconds."""
 
+METER = "record_meter"
+"""Key under which `get_extra_info` of an encrypted transport returns its `RecordMeter`."""
+
 ENCRYPTED_BUFFER = memoryview(bytearray(2 * BYTES_AT_A_TIME))
 """Buffer that all encrypted sockets are read into, one after the other."""
 
@@ -38,10 +41,12 @@ class ClientHello(NamedTuple):
     Attributes:
         raw: The transport of the socket. Its reading must be paused.
         first: The bytes that have been read already.
+        group: The clients with which this one shares its turns; None if it has its own.
     """
 
     raw: asyncio.Transport
     first: bytes = b""
+    group: str | None = None
 
 
 async def start_metered_tls(
@@ -63,7 +68,7 @@ async def start_metered_tls(
         OSError: The handshake failed, or took too long.
     """
     encrypted = await asyncio.get_running_loop().start_tls(
-        RecordMeter(client.raw, budget, received=client.first),
+        RecordMeter(client.raw, budget, received=client.first, group=client.group),
         protocol,
         context,
         server_side=True,
@@ -86,6 +91,10 @@ class RecordMeter(asyncio.Transport, asyncio.BufferedProtocol):
         budget: Charged for each record.
         max_handshake: Size of all records of handshakes, above which the connection is aborted.
         received: Bytes that have been read from the socket already.
+        group: The clients with which this one shares its turns; None if it has its own.
+
+    Attributes:
+        group: As above. It may change, for example when the client has shown a token.
     """
 
     # The event loop and its TLS use this attribute and `_force_close` of any transport below TLS.
@@ -97,8 +106,10 @@ class RecordMeter(asyncio.Transport, asyncio.BufferedProtocol):
         budget: LoopBudget,
         max_handshake: float = MAX_HANDSHAKE_BYTES,
         received: bytes = b"",
+        group: str | None = None,
     ) -> None:
         super().__init__()
+        self.group = group
         self._max_handshake = max_handshake
         self._raw = raw
         self._budget = budget
@@ -163,7 +174,7 @@ class RecordMeter(asyncio.Transport, asyncio.BufferedProtocol):
         """Pass on the next records in a later turn, if there are any and TLS takes them."""
         if not self._queued and self._next_records()[0]:
             self._queued = True
-            self._budget.wait(self._take_turn)
+            self._budget.wait(self._take_turn, self.group)
         self._control_reading()
 
     def _take_turn(self) -> None:
@@ -245,7 +256,7 @@ class RecordMeter(asyncio.Transport, asyncio.BufferedProtocol):
         return self._protocol
 
     def get_extra_info(self, name: str, default: Any = None) -> Any:
-        return self._raw.get_extra_info(name, default)
+        return self if name == METER else self._raw.get_extra_info(name, default)
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
         self._raw.write(data)
