@@ -12,7 +12,7 @@ from robotouille.domain.pictures import MAX_OUTLINES, MAX_PICTURE_BYTES, MAX_SHA
 from robotouille.episode import quota, rules, submissions
 from robotouille.protocol import codec, messages
 from robotouille.replay import container, payloads
-from robotouille.web import recording_page
+from robotouille.web import recording_data, recording_page
 from robotouille.web.bounded_requests import MAX_HEAD_BYTES, MAX_HEAD_LINES
 from robotouille.world.grounding import ground_objects
 from robotouille.world.text import MAX_SENTENCE
@@ -429,6 +429,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("Recording of a replay", _size(replay_pages.MAX_REPLAYED),
               "HTTP status 422, `recording/unshown`."),
         Limit("Time to make a replay", f"{replay_pages.SECONDS:g} s",
+              "HTTP status 422, `recording/unshown`."),
+        Limit("Memory of the process that makes a replay", _size(recording_data.MAX_MEMORY),
               "HTTP status 422, `recording/unshown`."),
         Limit("Recording in a list, to show its outcome", _size(store.MAX_SUMMARISED),
               "The outcome is `unread`."),

@@ -188,6 +188,19 @@ async def test_slow_process_is_ended(
         assert "0.01 s" in answer.json()["message"]
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux limits the memory of data")
+async def test_process_that_needs_too_much_memory_is_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stream: bytes
+) -> None:
+    (tmp_path / NAME).write_bytes(stream)
+    start = "from robotouille.web import recording_data as made\nmade.MAX_MEMORY = 1\nmade.main()"
+    monkeypatch.setattr(replay_pages, "COMMAND", (sys.executable, "-c", start))
+    async with viewing(tmp_path) as (_, _, api):
+        answer = await api.http.get(f"/api/recordings/{NAME}/replay")
+        assert (answer.status_code, answer.json()["code"]) == (422, "recording/unshown")
+        assert "of memory" in answer.json()["message"]
+
+
 async def test_policy_of_the_replay_allows_no_inline_scripts(browser: Any, tmp_path: Path) -> None:
     async with viewing(tmp_path, tokens=True) as (_, _, api):
         answer = await api.http.get("/replay")
