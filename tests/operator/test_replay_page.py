@@ -17,12 +17,14 @@ import pytest
 from robotouille.replay.annotations import read_annotations
 from robotouille.replay.recording import Recording
 from robotouille.web.recording_page import page_data
+from robotouille.web.single_file import encoded
 from robotouille_server.auth import Role
 from robotouille_server.operator.recordings import replay_pages
 from tests.operator.visits import browser_page
 from tests.support.games import recorded_game
 from tests.support.operator import audited, bearer, table, viewing
 from tests.support.random_play import talkative_stream
+from tests.support.replay_pages import FACT_NAMES
 from tests.web.visits import BROWSER_TEST, axe_faults, expect
 
 pytestmark = BROWSER_TEST
@@ -61,7 +63,7 @@ async def test_data_are_those_of_the_page_in_a_file(
         assert answer.headers["content-type"] == "application/gzip"
         data = json.loads(gzip.decompress(answer.content))
         expected = page_data([(NAME.removesuffix(".rbt"), Recording(stream))])
-        assert data == json.loads(json.dumps(expected))
+        assert data == json.loads(encoded(expected))
     assert audited(tmp_path)[-1]["what"] == "replay"
 
 
@@ -78,7 +80,7 @@ async def test_token_of_the_operator_page_opens_the_replay(
                 assert replay.url == f"{port.url}replay#{NAME}"
                 await replay.keyboard.press("End")
                 await expect(replay.locator("#position")).to_contain_text(f"Step {STEPS} of")
-                shown = await replay.evaluate("robotouille.runs[0].reel.state(60).names()")
+                shown = await replay.evaluate(f"robotouille.runs[0].reel.state(60).{FACT_NAMES}")
                 states = dict(Recording(stream).states())
                 assert shown == sorted(states[STEPS].fact_names())
                 assert await axe_faults(replay) == []

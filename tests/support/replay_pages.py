@@ -8,7 +8,10 @@ import json
 import re
 from typing import Any
 
-__all__ = ["page_data_of", "unpacked"]
+__all__ = ["FACT_NAMES", "page_data_of", "unpacked"]
+
+FACT_NAMES = 'atoms().map(([name, ...rest]) => `${name}(${rest.join(", ")})`).sort()'
+"""JavaScript that returns the names of the facts of the state before it, such as `state.`."""
 
 
 def unpacked(page: str, part: str) -> str:

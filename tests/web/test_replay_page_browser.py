@@ -14,11 +14,12 @@ from typer.testing import CliRunner
 from robotouille.replay.annotations import Codebook, read_annotations
 from robotouille.replay.recording import Recording
 from robotouille.web.recording_page import page_data, replay_page
-from robotouille.web.single_file import single_file
+from robotouille.web.single_file import encoded, single_file
 from robotouille.web.site import STATIC
 from robotouille_client.cli.main import app
 from tests.support.games import recorded_game
 from tests.support.random_play import talkative_stream
+from tests.support.replay_pages import FACT_NAMES
 from tests.web.visits import BROWSER_TEST, DESKTOP, PATIENCE, PHONE, axe_faults, expect
 
 pytestmark = BROWSER_TEST
@@ -62,7 +63,7 @@ async def shown_atoms(page: Any, run: int = 0) -> tuple[int, list[str]]:
     """Return the step that the page shows, and the facts of its state."""
     step, names = await page.evaluate(
         "run => { const { step, reel } = robotouille.runs[run];"
-        " return [step, reel.state(step).names()]; }",
+        f" return [step, reel.state(step).{FACT_NAMES}]; }}",
         run,
     )
     return step, names
@@ -272,7 +273,7 @@ async def test_phone_shows_everything_without_scrolling_sideways(
 async def test_states_that_contradict_the_task_give_a_message(
     browser: Any, game: Recording, tmp_path: Path
 ) -> None:
-    data = page_data([("game", game)])
+    data = json.loads(encoded(page_data([("game", game)])))
     data["recordings"][0]["deltas"][100] = {"add": [10**6]}
     html = (STATIC / "replay/index.html").read_text(encoding="utf-8")
     file = tmp_path / "page.html"
