@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 from base64 import b64encode
 from collections.abc import Awaitable, Callable, Coroutine, Iterator, Mapping
@@ -11,7 +12,7 @@ from contextlib import (
     contextmanager,
     nullcontext,
 )
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from pydantic import BaseModel
@@ -128,7 +129,8 @@ class ClusterRequests(Protocol):
 class Services:
     """Parts of a server that all its connections use.
 
-    `cluster` is None unless the server is a node of a cluster.
+    `cluster` is None unless the server is a node of a cluster. `star_search` is held while a thread
+    finds the limits for the stars of a task.
     """
 
     settings: ServerSettings
@@ -143,6 +145,7 @@ class Services:
     shutdown: Shutdown
     worker: WorkerSlot
     cluster: ClusterRequests | None = None
+    star_search: asyncio.Lock = field(default_factory=asyncio.Lock)
 
     def seat_tokens(
         self, room: Room, participants: Mapping[str, str], owner: str
@@ -450,19 +453,25 @@ class Requests:
         self._room.ask_snapshot(self._session)
 
     def _get_rendering(self, message: messages.GetRendering) -> None:
-        assets, limits = self._assets, self._room.star_limits
+        answer = self._rendering(message.ref, self._room, self._assets)
+        raise AnswerLater(self._answer_with(answer))
+
+    async def _rendering(
+        self, ref: int | None, room: JoinedRoom, assets: TaskAssets | None
+    ) -> messages.Rendering:
+        # The first request for a task simulates its plan, which can take 0.2 s. One search at a
+        # time, because clients that ask at once usually need the same one.
+        async with self._services.star_search:
+            limits = await asyncio.to_thread(room.find_star_limits)
         stars = None if limits is None else list(limits)
         if assets is None:
-            self._peer.answer(messages.Rendering(ref=message.ref, stars=stars))
-            return
-        self._peer.answer(
-            messages.Rendering(
-                ref=message.ref,
-                rendering=dict(assets.rendering),
-                bindings=dict(assets.bindings),
-                pictures=dict(assets.pictures),
-                stars=stars,
-            )
+            return messages.Rendering(ref=ref, stars=stars)
+        return messages.Rendering(
+            ref=ref,
+            rendering=dict(assets.rendering),
+            bindings=dict(assets.bindings),
+            pictures=dict(assets.pictures),
+            stars=stars,
         )
 
     def _get_picture(self, message: messages.GetPicture) -> None:

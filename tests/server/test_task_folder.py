@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import json
 import os
+import threading
 from pathlib import Path
 
 import pytest
 
+from robotouille.certification import step_limit
+from robotouille.certification.certificate import Certificate, load_certificate
 from robotouille.certification.stars import star_limits
+from robotouille.domain.task import Task
 from robotouille.errors import ProtocolError
 from robotouille.installation import data_folder
 from robotouille.protocol import messages
@@ -19,7 +24,7 @@ from robotouille_server.cli import SERVER, _greeting, first_room
 from robotouille_server.runtime.task_folder import TaskFolderError, read_task_folder
 from tests.support.operator import viewing
 from tests.support.pixels import png
-from tests.support.servers import crash, raw, serving
+from tests.support.servers import crash, raw, serving, with_clients
 from tests.support.virtual_time import virtual
 
 SVG = """<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 8 8">
@@ -141,6 +146,30 @@ async def test_clients_receive_the_steps_for_stars(tmp_path: Path, rate: float |
         await ada.leave()
         await ada.join((await ada.create("shifts/01", seats=1)).code)
         assert (await ada.rendering()).stars is None
+
+
+@virtual
+async def test_plans_for_stars_are_simulated_beside_the_event_loop(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Several players who ask for the same task at once cause one simulation."""
+    monkeypatch.setattr(step_limit, "_lengths", {})
+    searches: list[threading.Thread] = []
+
+    def noted(task: Task) -> Certificate:
+        searches.append(threading.current_thread())
+        return load_certificate(task)
+
+    monkeypatch.setattr(step_limit, "load_certificate", noted)
+    async with with_clients(tmp_path, "ada", "bob", "eve") as (_, ada, *others):
+        code = (await ada.create("synchronous/01", clock="lockstep", max_steps=9)).code
+        await ada.join(code)
+        for other in others:
+            await other.join(code, role="spectator")
+        answers = await asyncio.gather(*(each.rendering() for each in (ada, *others)))
+        assert all(answer.stars for answer in answers)
+    (thread,) = searches
+    assert thread is not threading.current_thread()
 
 
 @virtual

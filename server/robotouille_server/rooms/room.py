@@ -177,8 +177,7 @@ class Room:
     def task(self) -> str:
         return self.world.task.name
 
-    @property
-    def star_limits(self) -> StarLimits | None:
+    def find_star_limits(self) -> StarLimits | None:
         # The plan is simulated once for each task, for step limits, too.
         rules, task = self.episode.rules, self.world.task
         if task.problem.shift is not None:

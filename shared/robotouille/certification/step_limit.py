@@ -78,7 +78,8 @@ def retimed_length(task: Task) -> int | None:
     if task.digest not in _lengths:
         if len(_lengths) >= MAX_KEPT:
             _lengths.clear()
-        _lengths[task.digest] = _find_length(task)
+        _lengths[task.digest] = length = _find_length(task)
+        return length
     return _lengths[task.digest]
 
 

@@ -286,8 +286,7 @@ class Mirror:
     def in_progress(self) -> bool:
         return self._updates.phase in (Phase.RUNNING.value, Phase.PAUSED.value)
 
-    @property
-    def star_limits(self) -> None:
+    def find_star_limits(self) -> None:
         return None
 
     @property

@@ -37,9 +37,12 @@ class JoinedRoom(Protocol):
     def task(self) -> str:
         """Name of the task."""
 
-    @property
-    def star_limits(self) -> StarLimits | None:
-        """Largest numbers of steps for stars; None without a known plan, and in a mirror."""
+    def find_star_limits(self) -> StarLimits | None:
+        """Return the largest numbers of steps for stars.
+
+        The result is None without a known plan, and in a mirror. The first call for a task may take
+        0.2 s. Other threads may call this method.
+        """
 
     @property
     def step(self) -> int: ...
