@@ -22,6 +22,7 @@ from robotouille_server.rooms.rematches import (
     REMATCHES_AT_ONCE,
     Rematches,
 )
+from tests.support.handshakes import FORWARDED, hello, opened
 from tests.support.lost_connections import cut
 from tests.support.servers import serving, with_clients
 from tests.support.virtual_time import virtual
@@ -401,6 +402,24 @@ async def test_treatments_are_kept_and_labels_are_not(tmp_path: Path) -> None:
         assert room.episode.seats["robot1"].treatment.delay_ms == 50
         # All of these are anonymous, and of one owner: nobody.
         assert room.labels == {"pair": "p7"}
+
+
+@virtual
+async def test_rematch_of_a_player_without_a_token_has_no_labels(tmp_path: Path) -> None:
+    async with AsyncExitStack() as stack:
+        server, lab = await stack.enter_async_context(with_clients(tmp_path, "lab"))
+        code = (await lab.create(TASK, **RULES, labels={"pair": "p7"})).code
+        players = []
+        for name in ("ada", "bob"):
+            player = await stack.enter_async_context(opened(server, **FORWARDED))
+            await hello(player, name=name)
+            await player.ask({"type": "join", "episode": code}, "joined")
+            players.append(player)
+        for player in players:
+            await player.send({"type": "act", "seq": 1, "action": None})
+        await players[0].expect("ended")
+        created = await players[0].ask({"type": "create", "rematch": code}, "created")
+        assert server.lobby.find(created["code"]).labels == {}
 
 
 @virtual

@@ -153,7 +153,7 @@ class Lobby:
         # has opened.
         self._check_capacity(owner, reserved=False)
         self._rematches.charge(game, asker)
-        setup = game.setup_for(owner)
+        setup = game.setup_for(owner, asker)
         room = self._add(self._factory.new(setup, owner, asker.charged_names))
         self._rematches.opened(game, room, asker)
         if (before := self.rooms.get(game.episode)) is not None:

@@ -119,9 +119,11 @@ class FinishedGame:
             allowance,
         )
 
-    def setup_for(self, owner: str) -> EpisodeSetup:
+    def setup_for(self, owner: str, asker: Asker) -> EpisodeSetup:
         """Return the setup of a rematch; only the first owner's rematches keep the labels."""
-        return self.setup if owner == self.owner else replace(self.setup, labels={})
+        # A host without a token and a player without one have the same owner: none.
+        own = asker.host and owner == self.owner
+        return self.setup if own else replace(self.setup, labels={})
 
     def check(self, asker: Asker) -> None:
         """Check that a participant may play again.
