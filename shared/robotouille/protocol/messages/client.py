@@ -159,7 +159,7 @@ class Create(Message):
         description="Permitted chat: anything (`free`, the default), `signals` only, the "
         "`phrases`, or nothing (`off`).",
     )
-    phrases: Annotated[list[Phrase], Field(max_length=MAX_PHRASES)] = Field(
+    phrases: Annotated[list[Annotated[Phrase, Line]], Field(max_length=MAX_PHRASES)] = Field(
         default=[], description="The permitted chat messages, if `chat` is `phrases`."
     )
     sight: SightDistance | None = Field(

@@ -23,6 +23,7 @@ from typing_extensions import TypedDict
 from robotouille.episode.events import Reason
 from robotouille.episode.lifecycle import Absence, Controller, PauseReason, Phase
 from robotouille.episode.rules import MAX_LABELS, PRINTABLE, Chat, Clock
+from robotouille.protocol.visible_text import visible_text
 from robotouille.world.unmet import Unmet, UnmetKind
 
 PROTOCOL_VERSION = 1
@@ -45,31 +46,27 @@ Labels = Annotated[dict[LabelName, LabelValue], Field(max_length=MAX_LABELS)]
 
 # A line end could forge a line of another participant, and a NUL cannot be stored in PostgreSQL.
 _LINE_ENDS = re.compile(r"[\t\n\v\f\r\x1c-\x1e\x85\u2028\u2029]+")
-_CONTROLS = re.compile(r"[\x00-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 _CONTROLS_BETWEEN_LINES = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 
 def one_line(text: str) -> str:
-    """Return a text without control characters and direction marks; line ends become spaces.
+    """Return a text without invisible characters; line ends become spaces.
 
     Raises:
         ValueError: Nothing is left.
     """
     # The usual case, without the searches.
-    if text.isprintable():
+    if text.isascii() and text.isprintable() and not text.isspace():
         return text
-    return _not_empty(_CONTROLS.sub("", _LINE_ENDS.sub(" ", text)))
+    shown = visible_text(_LINE_ENDS.sub(" ", text))
+    if not shown:
+        raise ValueError("has no visible character")
+    return shown
 
 
 def plain_text(text: str) -> str:
     """Return a text without control characters except tabs and line feeds."""
     return text if text.isprintable() else _CONTROLS_BETWEEN_LINES.sub("", text)
-
-
-def _not_empty(text: str) -> str:
-    if not text:
-        raise ValueError("has only control characters")
-    return text
 
 
 Line = AfterValidator(one_line)
@@ -257,7 +254,8 @@ class TallyRow(TypedDict, total=False):
         int,
         Field(
             description="Steps without an action because it was another seat's turn, the "
-            "participant declared a wait, or its request was rejected."
+            "participant declared a wait, or its request was rejected. 0 for a seat with "
+            "`shown_as`, whose waiting steps count as idle."
         ),
     ]
     idle: Annotated[int, Field(description="Steps in which the player could act and did not.")]

@@ -1,0 +1,60 @@
+"""Visible characters of participants' texts, which people and models must see alike."""
+
+from __future__ import annotations
+
+import re
+from unicodedata import category
+
+_UNSEEN = frozenset(
+    chr(point)
+    for points in (
+        # Default ignorable in Unicode, but neither control nor format characters.
+        (0x034F, 0x115F, 0x1160, 0x17B4, 0x17B5, 0x3164, 0xFFA0),
+        range(0x180B, 0x1810),
+        range(0xFE00, 0xFE10),
+        range(0xE0100, 0xE01F0),
+        # Blank characters: Braille, music, Khitan, hieroglyphs, object replacement.
+        (0x2800, 0x1D159, 0x16FE4, 0x13441, 0x13442, 0xFFFC),
+        # Joiners of their neighbours: Tifinagh, Brahmi, Zanabazar, Soyombo.
+        (0x2D7F, 0x1107F, 0x11A47, 0x11A99),
+    )
+    for point in points
+)
+"""Invisible letters, marks and symbols: fillers, joiners, blanks, variation selectors."""
+
+_JOINERS, _SELECTORS = "\u200c\u200d", "\ufe0e\ufe0f"
+_BASE = rf"[^\x00-\x7f{_JOINERS}{_SELECTORS}]"
+# Persian, Indic scripts and emoji need a joiner between two characters, emoji also a selector after
+# one, and keycaps a selector after a digit. Everywhere else, both can only hide a text.
+_JOINED = re.compile(
+    rf"({_BASE}[{_SELECTORS}]?[{_JOINERS}](?={_BASE})"
+    rf"|{_BASE}[{_SELECTORS}]"
+    r"|[0-9#*]\ufe0f(?=\u20e3))"
+    rf"|[{_JOINERS}{_SELECTORS}]"
+)
+
+
+def is_seen(letter: str) -> bool:
+    """Return whether a character is visible, or a space."""
+    return letter == " " or (category(letter)[0] != "C" and letter not in _UNSEEN)
+
+
+def has_visible(text: str) -> bool:
+    """Return whether a text of visible characters has more than spaces and marks."""
+    return any(category(letter)[0] not in "MZ" for letter in text)
+
+
+def visible_text(text: str) -> str:
+    """Return a text without invisible characters; empty if no character is visible.
+
+    Joiners and variation selectors are kept where emoji and scripts need them.
+    """
+    if not (text.isprintable() and _UNSEEN.isdisjoint(text)):
+        text = _JOINED.sub(r"\1", "".join(filter(_may_stay, text)))
+    return text if has_visible(text) else ""
+
+
+def _may_stay(letter: str) -> bool:
+    # Python's tables lack the newest emoji; Unicode reserves these places for them.
+    emoji = "\U0001f000" <= letter <= "\U0001faff"
+    return emoji or letter in _JOINERS or letter in _SELECTORS or is_seen(letter)
