@@ -16,6 +16,7 @@ from robotouille.episode import (
     Rules,
     SeatTreatment,
 )
+from robotouille.episode.rules import ShownKind
 from robotouille.episode.submissions import MAX_HELD_REQUESTS
 from robotouille.world import world
 from tests.support.episodes import TWO, outcome, steps
@@ -132,6 +133,19 @@ def test_departure_drops_delayed_actions() -> None:
     episode.join("robot2", "carol", "human", 0.2, session="carol")
     episode.tick(0.3)
     assert episode.seat("robot2").pending is None
+
+
+@pytest.mark.parametrize("kind", ["human", "bot", "model"])
+@pytest.mark.parametrize(("shown_as", "starts_at"), [("human", 3.0), ("bot", None)])
+def test_countdown_does_not_reveal_the_real_kind(
+    kind: str, shown_as: ShownKind, starts_at: float | None
+) -> None:
+    rules = Rules(clock=Clock.REALTIME, step_rate=10.0, countdown=3.0)
+    treatments = {"robot2": SeatTreatment(shown_as=shown_as)}
+    episode = Episode(TWO, rules, treatments=treatments)
+    episode.join("robot1", "ada", "bot", 0.0, session="ada")
+    episode.join("robot2", "bob", kind, 0.0, session="bob")
+    assert episode.starts_at == starts_at
 
 
 def test_others_see_the_kind_of_the_treatment() -> None:

@@ -174,6 +174,60 @@ async def test_disguised_bot_is_not_revealed(tmp_path: Path) -> None:
     assert recording.participants["robot2"] == ("bea", "bot")
 
 
+@pytest.mark.parametrize("kind", ["human", "bot"])
+@pytest.mark.parametrize("shown_as", ["human", "bot"])
+@virtual
+async def test_waits_of_a_disguised_seat_are_not_revealed(
+    tmp_path: Path, kind: str, shown_as: str
+) -> None:
+    treatments = {"robot2": {"shown_as": shown_as}}
+    async with serving(tmp_path) as server, opened(server) as lab:
+        await host(lab, mint_token(server, Role.HOST))
+        create = {**CREATE, "treatments": treatments, "clock": "lockstep", "max_steps": 2}
+        code = (await lab.ask(create, "created"))["code"]
+        room = server.lobby.find(code)
+        async with opened(server, **FORWARDED) as ada, opened(server, **FORWARDED) as bob:
+            await hello(ada, kind="bot")
+            await hello(bob, name="bea", kind=kind)
+            for client in (ada, bob):
+                await client.ask({"type": "join", "episode": code}, "joined")
+            for seq in (1, 2):
+                await bob.send({"type": "act", "seq": seq, "action": None, "waits": True})
+                await ada.send({"type": "act", "seq": seq, "action": None, "waits": True})
+                assert (await ada.expect("delta"))["waits"] == [0]
+            ended = (await ada.expect("ended"))["outcome"]
+            assert [(s["waiting"], s["idle"]) for s in ended["seats"]] == [(2, 0), (0, 2)]
+            assert (await ada.ask({"type": "resync"}, "snapshot"))["outcome"] == ended
+            assert room.episode.outcome is not None
+            assert [seat.waiting for seat in room.episode.outcome.seats] == [2, 2]
+    recording = read_recording(next(tmp_path.glob("*.rbt*")))
+    assert recording.outcome is not None
+    assert [seat["waiting"] for seat in recording.outcome["seats"]] == [2, 2]
+
+
+@virtual
+async def test_time_to_the_next_step_does_not_reveal_a_delay(tmp_path: Path) -> None:
+    treatments = {"robot2": {"delay_ms": 4_000}}
+    async with serving(tmp_path) as server, opened(server) as lab:
+        await host(lab, mint_token(server, Role.HOST))
+        rules = {"clock": "lockstep", "move_budget": 60.0}
+        create = {**CREATE, "treatments": treatments, **rules}
+        code = (await lab.ask(create, "created"))["code"]
+        room = server.lobby.find(code)
+        async with opened(server, **FORWARDED) as ada, opened(server, **FORWARDED) as bob:
+            for client, name in ((ada, "ada"), (bob, "bea")):
+                await hello(client, name=name)
+                await client.ask({"type": "join", "episode": code}, "joined")
+            await bob.send({"type": "act", "seq": 1, "action": None})
+            await asyncio.sleep(1.0)
+            await ada.expect("snapshot")
+            left = (await ada.ask({"type": "resync"}, "snapshot"))["left"]
+            assert left == pytest.approx(59.0, abs=0.1)
+            await ada.send({"type": "act", "seq": 1, "action": None})
+            await asyncio.sleep(4.0)
+            assert room.step == 1
+
+
 @pytest.mark.parametrize("partner", [None, "human"])
 @virtual
 async def test_team_talk_does_not_reveal_a_disguised_bot(

@@ -387,8 +387,9 @@ class Episode:
                 record.emit(CountdownChanged(None))
             return
         # Only people in real time need a countdown: bots and models are ready at once, and other
-        # clocks wait for the first decision.
-        people = any(seat.kind == Controller.HUMAN for seat in record.seats.values())
+        # clocks wait for the first decision. The shown kinds count, because a countdown that
+        # depends on the real ones would reveal them.
+        people = any(seat.shown_kind == Controller.HUMAN for seat in record.seats.values())
         if not (record.rules.countdown and record.rules.scheduled and people):
             self._start(now)
         elif record.starts_at is None:
@@ -659,13 +660,18 @@ class Episode:
 
     # Time
 
-    def due(self) -> float | None:
-        """Return when to call `tick`; None if only requests can advance the episode."""
+    def due(self, *, with_held: bool = True) -> float | None:
+        """Return when to call `tick`; None if only requests can advance the episode.
+
+        Args:
+            with_held: False to ignore requests that a treatment delays. Participants must not
+                receive a time that reveals the treatment.
+        """
         record = self.record
         if record.ended:
             return None
         clock = record.clock.due() if record.running else record.starts_at
-        held = self._submissions.due()
+        held = self._submissions.due() if with_held else None
         if held is None and self._presence.complete and not self.pauses.until:
             return clock  # Fast path for the usual case: servers ask after every message.
         absence = self._presence.due()

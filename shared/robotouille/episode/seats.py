@@ -120,6 +120,11 @@ class Seat:
     treatment: SeatTreatment = NO_TREATMENT
 
     @property
+    def disguised(self) -> bool:
+        """True if a treatment sets the kind that others see, even if it is the real one."""
+        return self.treatment.shown_as is not None
+
+    @property
     def shown_kind(self) -> str:
         """The participant's kind as others see it; empty if the seat is free."""
         return (self.treatment.shown_as or self.kind) if self.taken else ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from typing import Any
 
@@ -92,6 +92,10 @@ class SeatTally:
         """Number of steps counted."""
         away = self.away + self.substituted
         return self.acted + self.busy + self.waiting + self.idle + away
+
+    def without_waits(self) -> SeatTally:
+        """Return the tally with the steps of waiting counted as idle."""
+        return replace(self, waiting=0, idle=self.idle + self.waiting)
 
     def to_json(self) -> dict[str, Any]:
         """Return the tally as JSON values; `SeatTally(**row)` reads it back."""

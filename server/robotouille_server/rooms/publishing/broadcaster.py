@@ -581,7 +581,7 @@ class Broadcaster:
             "said": episode.record.said,
             "spectators": self.spectators,
             "spectator_names": self.spectator_names,
-            "outcome": episode.outcome and episode.outcome.to_json(),
+            "outcome": episode.outcome and self._episode_messages.outcome(episode.outcome),
         }
         seats = self._disguises.seats(self.seats(), session)
         if self._limited is not None and session.players:
@@ -593,7 +593,7 @@ class Broadcaster:
         }
         if (starts_in := self._episode_messages.starts_in) is not None:
             own["starts_in"] = starts_in
-        if (due := episode.due()) is not None:
+        if (due := episode.due(with_held=False)) is not None:
             own["left"] = max(0.0, due - self._now())
         return own
 

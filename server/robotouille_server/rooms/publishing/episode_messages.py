@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import replace
 from typing import Any, cast
 from weakref import WeakKeyDictionary
 
@@ -73,8 +74,17 @@ class EpisodeMessages:
     def ended(self, outcome: Outcome) -> messages.Ended:
         """Return the message about the end of the episode."""
         episode = self._episode
-        row = cast("messages.OutcomeRow", outcome.to_json())
+        row = cast("messages.OutcomeRow", self.outcome(outcome))
         return messages.Ended(step=episode.step, outcome=row, hash=episode.state.digest)
+
+    def outcome(self, outcome: Outcome) -> dict[str, Any]:
+        """Return the outcome as everybody sees it.
+
+        The waits of seats with a disguised kind count as idle, as in `shown_waits`.
+        """
+        seats = self._episode.seats
+        shown = [t.without_waits() if seats[t.player].disguised else t for t in outcome.seats]
+        return replace(outcome, seats=tuple(shown)).to_json()
 
     # Steps
 
@@ -109,11 +119,11 @@ class EpisodeMessages:
         """Return the numbers of seats that wait.
 
         Seats with a disguised kind are left out: almost only bots announce that they wait, so
-        participants would recognise them.
+        participants would recognise them. Seats that are shown as what they are, are left out too:
+        their waits would reveal that.
         """
         seats = self._episode.seats
-        undisguised = [p for p in waits if seats[p].shown_kind == seats[p].kind]
-        return [self._seat_number[player] for player in undisguised]
+        return [self._seat_number[player] for player in waits if not seats[player].disguised]
 
     def observation(
         self, player: str | None, state: State, step: int, turn: str | None, phase: str
