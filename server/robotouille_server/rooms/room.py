@@ -180,7 +180,8 @@ class Room:
     def find_star_limits(self) -> StarLimits | None:
         # The plan is simulated once for each task, for step limits, too.
         rules, task = self.episode.rules, self.world.task
-        if task.problem.shift is not None:
+        # The length of a plan depends on where hidden things are.
+        if task.problem.shift is not None or rules.limited_sight is not None:
             return None
         return star_limits(task, rules.step_rate if rules.scheduled else None)
 

@@ -38,6 +38,7 @@ from robotouille_server.rooms.publishing.episode_messages import (
     Snapshots,
     last_seq,
     own_answers,
+    sent_task,
 )
 from robotouille_server.rooms.publishing.limited_sight import LimitedSight
 from robotouille_server.rooms.recording.write_ahead import CommitGate
@@ -245,7 +246,7 @@ class Broadcaster:
             for said in tuple(self._said)[-REPEATED_SAID:]:
                 peer.send(said)
             return
-        session.known.add(self._episode.world.task.digest)
+        session.known.add(self._task_digest(session))
         missed = self._missed(session, seen)
         if missed is None:
             self.send_snapshot(session)
@@ -553,9 +554,10 @@ class Broadcaster:
             return
         self._audience.catch_up(session, steps=False)
         if session.wants_state:
-            known = self._episode.world.task.digest in session.known
+            task = self._task_digest(session)
+            known = task in session.known
             # From now on the client has the task: frames are delivered in order or not at all.
-            session.known.add(self._episode.world.task.digest)
+            session.known.add(task)
             own = self._own_fields(session)
             part = None
             if self._limited is not None and session.players:
@@ -569,6 +571,11 @@ class Broadcaster:
                 peer.answer_frame(self._observation(player, *seen).frame(peer.codec))
             if not session.wants_state and episode.outcome is not None:
                 self.send(session, self._episode_messages.ended(episode.outcome))
+
+    def _task_digest(self, session: Session) -> str:
+        """Return the digest of the task that a session receives."""
+        limited = self._limited is not None and bool(session.players)
+        return sent_task(self._episode.world, limited=limited).digest
 
     def _own_fields(self, session: Session) -> dict[str, Any]:
         """Return the fields of a snapshot that depend on the session or change between steps."""

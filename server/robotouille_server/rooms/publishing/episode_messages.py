@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any, cast
 from weakref import WeakKeyDictionary
 
+from robotouille.domain.task import Task
 from robotouille.episode import ActionAnswer, Episode, Outcome, PlayedMove, Stepped
 from robotouille.protocol import messages
 from robotouille.protocol.codec import Codec, Fields
@@ -14,6 +15,7 @@ from robotouille.protocol.states import StateWriter, unmet_rows, why_rows
 from robotouille.replay.recorder import HASH_EVERY
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.sight import Seen
+from robotouille.world.told_task import told_task
 from robotouille.world.world import State, World
 from robotouille_server.transport import frame_of
 
@@ -152,8 +154,19 @@ class EpisodeMessages:
         )
 
 
-_tasks: WeakKeyDictionary[World, dict[Codec, Fields]] = WeakKeyDictionary()
+_tasks: WeakKeyDictionary[World, dict[tuple[Codec, bool], Fields]] = WeakKeyDictionary()
 """Encoded tasks by world. They are the longest part of a snapshot and equal in all its episodes."""
+_told: WeakKeyDictionary[World, Task] = WeakKeyDictionary()
+"""Tasks for players with limited sight, by world."""
+
+
+def sent_task(world: World, *, limited: bool) -> Task:
+    """Return the task that clients receive, with limited sight or without."""
+    if not limited:
+        return world.task
+    if world not in _told:
+        _told[world] = told_task(world)
+    return _told[world]
 
 
 class Snapshots:
@@ -187,7 +200,7 @@ class Snapshots:
         )
         parts = [state, codec.pack_fields(own)]
         if with_task:
-            parts.append(self._of_task(codec))
+            parts.append(self._of_task(codec, limited=seen is not None))
         return frame_of(codec.join(parts))
 
     def forget(self) -> None:
@@ -204,33 +217,35 @@ class Snapshots:
         fields = self._packed.get(codec)
         if fields is None:
             digest = self._writer.digest(episode.state)
-            packed = codec.pack_fields(self._state_fields(episode.state, digest))
+            packed = codec.pack_fields(self._state_fields(episode.state, digest, limited=False))
             fields = self._packed[codec] = packed
         return fields
 
     def _seen_fields(self, seen: Seen) -> dict[str, Any]:
         state = seen.state
-        return {**self._state_fields(state, state.digest), "hidden": list(seen.hidden)}
+        fields = self._state_fields(state, state.digest, limited=True)
+        return {**fields, "hidden": list(seen.hidden)}
 
-    def _state_fields(self, state: State, digest: str) -> dict[str, Any]:
+    def _state_fields(self, state: State, digest: str, *, limited: bool) -> dict[str, Any]:
         episode = self._episode
         return {
             "type": "snapshot",
             "episode": self._id,
             "step": episode.step,
-            "digest": episode.world.task.digest,
+            "digest": sent_task(episode.world, limited=limited).digest,
             "hash": digest,
             "clock": episode.rules.model_dump(mode="json"),
             **self._writer.tables(state),
             **self._writer.values(state),
         }
 
-    def _of_task(self, codec: Codec) -> Fields:
+    def _of_task(self, codec: Codec, *, limited: bool) -> Fields:
         world = self._episode.world
         packed = _tasks.setdefault(world, {})
-        if codec not in packed:
-            packed[codec] = codec.pack_fields({"task": world.task.json})
-        return packed[codec]
+        key = codec, limited
+        if key not in packed:
+            packed[key] = codec.pack_fields({"task": sent_task(world, limited=limited).json})
+        return packed[key]
 
 
 def last_seq(episode: Episode, players: Collection[str]) -> int:
