@@ -34,10 +34,12 @@ def test_player_without_limits_sees_everything(name: str) -> None:
         for player in world.players:
             seen = seen_by(state, player, Sight())
             assert seen.state == state
-            assert seen.actions == state.actions(player)
-            assert seen.text_view(player).replace(
-                f"{PART_OF_KITCHEN}\nOut of sight: nothing.\n\n", ""
-            ) == (state.text_view(player))
+            assert set(seen.actions) == set(state.actions(player))
+            text = seen.text_view(player)
+            assert f"{PART_OF_KITCHEN}\nOut of sight: nothing." in text
+            # The order is another one, because that of a world shows where things were.
+            text = text.replace(f"{PART_OF_KITCHEN}\nOut of sight: nothing.\n\n", "")
+            assert sorted(text.split("\n")) == sorted(state.text_view(player).split("\n"))
 
 
 @pytest.mark.parametrize("name", TASKS)

@@ -7,19 +7,25 @@ state. The reader maps atoms by name, because client and server may number them 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 from weakref import WeakKeyDictionary
 
 from robotouille.errors import ProtocolError
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.effects import Effect
-from robotouille.world.grounding.objects import Object
+from robotouille.world.grounding.objects import Atom, Object
+from robotouille.world.sight import ranks
 from robotouille.world.timers import TimerRow
 from robotouille.world.unmet import Attempt, Unmet
 from robotouille.world.world import State, World
 
-_tables: WeakKeyDictionary[World, dict[int, dict[str, Any]]] = WeakKeyDictionary()
+Tables = dict[int, dict[str, Any]]
+_tables: WeakKeyDictionary[World, Tables] = WeakKeyDictionary()
 """Tables of each world in use, by size. All episodes of a world share them."""
+_ranked_tables: WeakKeyDictionary[World, Tables] = WeakKeyDictionary()
+_positions: WeakKeyDictionary[World, list[int]] = WeakKeyDictionary()
+"""The same for `RankedStateWriter`, and the position of each bit in its tables."""
 MAX_TABLES = 4
 
 
@@ -90,7 +96,7 @@ class StateWriter:
     def tables(self, state: State) -> dict[str, Any]:
         """Return the tables for reading the facts of a state. The caller must not change them."""
         size = self.world.table_size(state.facts)
-        made = _tables.setdefault(self.world, {})
+        made = self._made()
         if size not in made:
             # The largest tables belong to states with many created objects, which are rare.
             if len(made) >= MAX_TABLES:
@@ -108,7 +114,7 @@ class StateWriter:
         """Return the facts, timers, busy players and orders of a state."""
         timers = [[effect_label(e), list(counters)] for e, counters in state.timers.entries]
         values = {
-            "facts": bits_of(state.facts),
+            "facts": self._bits(state.facts),
             "timers": timers,
             "busy": dict(state.timers.busy),
         }
@@ -144,9 +150,9 @@ class StateWriter:
             fields["objects"] = _rows(new)
             fields["atoms"] = self._atoms(known_size, size, names)
         if added := after.facts & ~before.facts:
-            fields["add"] = bits_of(added)
+            fields["add"] = self._bits(added)
         if removed := before.facts & ~after.facts:
-            fields["remove"] = bits_of(removed)
+            fields["remove"] = self._bits(removed)
         # Equal timer values are the same object (docs/decisions/0002), so this comparison is
         # enough.
         if after.timers is not before.timers:
@@ -180,8 +186,56 @@ class StateWriter:
                 predicate.get(atom[0], -1 if atom[0] == "~exists" else -2),
                 *(place[a] for a in atom[1:]),
             ]
-            for atom in self.world.table.atoms[start:stop]
+            for atom in self._ordered_atoms(start, stop)
         ]
+
+    # Parts with another order in `RankedStateWriter`
+
+    def _made(self) -> Tables:
+        return _tables.setdefault(self.world, {})
+
+    def _bits(self, facts: int) -> list[int]:
+        return bits_of(facts)
+
+    def _ordered_atoms(self, start: int, stop: int) -> Sequence[Atom]:
+        return self.world.table.atoms[start:stop]
+
+
+class RankedStateWriter(StateWriter):
+    """Writer whose tables have the order of `sight.ranks`, for players with limited sight."""
+
+    __slots__ = ()
+
+    def _made(self) -> Tables:
+        return _ranked_tables.setdefault(self.world, {})
+
+    def _bits(self, facts: int) -> list[int]:
+        positions = _positions.setdefault(self.world, [])
+        for start, stop in self._generations():
+            if start >= len(positions):
+                order = sorted(range(start, stop), key=self._rank_of_atom)
+                place = {bit: start + i for i, bit in enumerate(order)}
+                positions += [place[bit] for bit in range(start, stop)]
+        return sorted(positions[bit] for bit in bits_of(facts))
+
+    def _ordered_atoms(self, start: int, stop: int) -> Sequence[Atom]:
+        blocks = [range(a, b) for a, b in self._generations() if start <= a and b <= stop]
+        order = (bit for block in blocks for bit in sorted(block, key=self._rank_of_atom))
+        return [self.world.table.atoms[bit] for bit in order]
+
+    def _objects(self, start: int, stop: int) -> list[Object]:
+        rank, found = ranks(self.world), list[Object]()
+        for a, b in self._generations():
+            if start <= a and b <= stop:
+                found += sorted(super()._objects(a, b), key=lambda thing: rank[thing.name])
+        return found
+
+    def _generations(self) -> Iterable[tuple[int, int]]:
+        return pairwise((0, *self.world.table_sizes))
+
+    def _rank_of_atom(self, bit: int) -> tuple[str, list[int]]:
+        rank, (predicate, *arguments) = ranks(self.world), self.world.table.atoms[bit]
+        return predicate, [rank[name] for name in arguments]
 
 
 def _timer_changes(before: State, after: State) -> dict[str, list[int] | None]:

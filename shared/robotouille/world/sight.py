@@ -10,12 +10,12 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil, floor
-from operator import attrgetter
+from weakref import WeakKeyDictionary
 
 from robotouille.domain.schema import Condition
 from robotouille.errors import UnknownNameError, WrongArgumentError
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
-from robotouille.world.grounding.objects import Atom, Tile, bound
+from robotouille.world.grounding.objects import Atom, Object, Tile, bound
 from robotouille.world.scene import scene
 from robotouille.world.text import conditions_text, observation, orders_text, text_view
 from robotouille.world.unmet import Unmet, UnmetKind
@@ -84,8 +84,9 @@ class Seen:
 
     @property
     def hidden(self) -> tuple[str, ...]:
-        """Names of the objects out of sight, sorted by type."""
-        return tuple(thing.name for thing in self.state.objects if thing.name not in self.things)
+        """Names of the objects out of sight, in the order of `ranks`."""
+        rank, names = ranks(self.state.world), (thing.name for thing in self.state.objects)
+        return tuple(sorted((n for n in names if n not in self.things), key=rank.__getitem__))
 
     @cached_property
     def actions(self) -> tuple[GroundAction, ...]:
@@ -133,7 +134,7 @@ class Seen:
         else:
             end = conditions_text(world.goal_terms(state))
         beyond = f"{PART_OF_KITCHEN}\nOut of sight: {', '.join(self.hidden) or 'nothing'}."
-        text = observation(world, state.facts, self.actions_of(player))
+        text = observation(world, state.facts, self.actions_of(player), ranks(world))
         return text_view(f"{beyond}\n\n{text}", player, end)
 
 
@@ -156,6 +157,33 @@ def seen_by(state: State, players: str | Sequence[str], sight: Sight) -> Seen:
     )
     seen = State(world, state.facts & ~_about(state, hidden), timers, state.orders)
     return Seen(seen, things, players)
+
+
+_ranks: WeakKeyDictionary[World, tuple[int, Mapping[str, int]]] = WeakKeyDictionary()
+
+
+def ranks(world: World) -> Mapping[str, int]:
+    """Return the rank of each object in an order that does not show where it was at the start.
+
+    A world's own order is that of the first places. Here, objects are sorted by type, stations and
+    players in the world's order, and all others by kind and number.
+    """
+    known = _ranks.get(world)
+    # The number of atoms grows with the objects.
+    if known is None or known[0] != len(world.table.atoms):
+        types = {kind: i for i, kind in enumerate(world.task.domain.object_types)}
+        fixed = {*world.task.domain.station_types, *world.task.domain.player_types}
+
+        def key(row: tuple[int, Object]) -> tuple[int, str, int]:
+            i, thing = row
+            if thing.type in fixed:
+                return types[thing.type], "", i
+            return types[thing.type], thing.kind, int(thing.name[len(thing.kind) :])
+
+        order = sorted(enumerate(world.all_objects()), key=key)
+        found = {thing.name: rank for rank, (_, thing) in enumerate(order)}
+        known = _ranks[world] = len(world.table.atoms), found
+    return known[1]
 
 
 HIDDEN_REASON = "something out of sight prevents it"
@@ -205,11 +233,12 @@ def _seemingly_valid(state: State, player: str, doubtful: int) -> Iterator[Groun
     """Yield the player's actions whose conditions hold, apart from doubtful ones, in order."""
     if state.busy_steps(player):
         return
-    world = state.world
+    world, rank = state.world, ranks(state.world)
     choices = _Choices(state, doubtful)
     for schema in world.schemas:
-        found = (world.ground_action(schema, names) for names in choices.of(schema, player))
-        yield from sorted(found, key=attrgetter("key"))
+        found = choices.of(schema, player)
+        for names in sorted(found, key=lambda names: [rank[name] for name in names]):
+            yield world.ground_action(schema, names)
 
 
 Names = Mapping[str, str]

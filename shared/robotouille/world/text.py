@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import product
 from string import Formatter
@@ -18,10 +18,21 @@ from robotouille.world.grounding.objects import Atom, atom_name
 from robotouille.world.shift import Orders, ShiftRules
 
 
-def observation(task: GroundTask, facts: int, actions: Iterable[GroundAction]) -> str:
-    """Return a paragraph for each object, then the valid actions and the goal."""
+def observation(
+    task: GroundTask,
+    facts: int,
+    actions: Iterable[GroundAction],
+    ranks: Mapping[str, int] | None = None,
+) -> str:
+    """Return a paragraph for each object, then the valid actions and the goal.
+
+    Args:
+        ranks: The order of the objects; None for the task's own.
+    """
     order = {name: i for i, name in enumerate(p.name for p in task.task.domain.predicate_defs)}
     things = task.objects_in(facts)
+    if ranks is not None:
+        things = tuple(sorted(things, key=lambda thing: ranks[thing.name]))
     lines: dict[str, list[str]] = {thing.name: [] for thing in things}
     rank = {name: i for i, name in enumerate(lines)}
 

@@ -11,11 +11,11 @@ from robotouille.domain.task import Task
 from robotouille.episode import ActionAnswer, Episode, Outcome, PlayedMove, Stepped
 from robotouille.protocol import messages
 from robotouille.protocol.codec import Codec, Fields
-from robotouille.protocol.states import StateWriter, unmet_rows, why_rows
+from robotouille.protocol.states import RankedStateWriter, StateWriter, unmet_rows, why_rows
 from robotouille.replay.recorder import HASH_EVERY
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.public_task import public_task
 from robotouille.world.sight import Seen
-from robotouille.world.told_task import told_task
 from robotouille.world.world import State, World
 from robotouille_server.transport import frame_of
 
@@ -156,7 +156,7 @@ class EpisodeMessages:
 
 _tasks: WeakKeyDictionary[World, dict[tuple[Codec, bool], Fields]] = WeakKeyDictionary()
 """Encoded tasks by world. They are the longest part of a snapshot and equal in all its episodes."""
-_told: WeakKeyDictionary[World, Task] = WeakKeyDictionary()
+_public: WeakKeyDictionary[World, Task] = WeakKeyDictionary()
 """Tasks for players with limited sight, by world."""
 
 
@@ -164,20 +164,21 @@ def sent_task(world: World, *, limited: bool) -> Task:
     """Return the task that clients receive, with limited sight or without."""
     if not limited:
         return world.task
-    if world not in _told:
-        _told[world] = told_task(world)
-    return _told[world]
+    if world not in _public:
+        _public[world] = public_task(world)
+    return _public[world]
 
 
 class Snapshots:
     """Creates the frames of `snapshot` messages. Parts that are equal for all are encoded once."""
 
-    __slots__ = ("_episode", "_id", "_packed", "_state", "_step", "_writer")
+    __slots__ = ("_episode", "_id", "_packed", "_ranked", "_state", "_step", "_writer")
 
     def __init__(self, episode_id: str, episode: Episode, writer: StateWriter) -> None:
         self._id = episode_id
         self._episode = episode
         self._writer = writer
+        self._ranked = RankedStateWriter(episode.world)
         self._state: State | None = None
         self._step = 0
         self._packed: dict[Codec, Fields] = {}
@@ -228,6 +229,7 @@ class Snapshots:
 
     def _state_fields(self, state: State, digest: str, *, limited: bool) -> dict[str, Any]:
         episode = self._episode
+        writer = self._ranked if limited else self._writer
         return {
             "type": "snapshot",
             "episode": self._id,
@@ -235,8 +237,8 @@ class Snapshots:
             "digest": sent_task(episode.world, limited=limited).digest,
             "hash": digest,
             "clock": episode.rules.model_dump(mode="json"),
-            **self._writer.tables(state),
-            **self._writer.values(state),
+            **writer.tables(state),
+            **writer.values(state),
         }
 
     def _of_task(self, codec: Codec, *, limited: bool) -> Fields:

@@ -9,7 +9,7 @@ from pydantic import BaseModel
 
 from robotouille.episode import Episode, Stepped
 from robotouille.protocol import messages
-from robotouille.protocol.states import StateWriter, unmet_rows, why_rows
+from robotouille.protocol.states import RankedStateWriter, unmet_rows, why_rows
 from robotouille.world.sight import Seen, Sight, told
 from robotouille.world.unmet import Attempt
 from robotouille.world.world import State
@@ -30,7 +30,7 @@ class LimitedSight:
         self._sight = sight
         self._messages = common
         # The episode's own writer keeps the last changes of the whole state for the recording.
-        self._writer = StateWriter(episode.world)
+        self._writer = RankedStateWriter(episode.world)
 
     def seen(self, state: State, players: tuple[str, ...]) -> Seen:
         """Return what the players of one participant see of a state."""

@@ -1,7 +1,7 @@
 """The task that players with limited sight receive: it does not show where things are at the start.
 
-Its world has the same objects, atoms and actions as the real one, and the same facts that never
-change, so that all states of the real world can be read in it. Its initial state is made up.
+Its world has the same objects, atoms and actions as the real one, in another order, and the same
+facts that never change. So it can read all states of the real world. Its initial state is made up.
 """
 
 from __future__ import annotations
@@ -13,13 +13,14 @@ from typing import Any
 from robotouille.domain.schema import ProblemFile
 from robotouille.domain.task import Task
 from robotouille.world.grounding.objects import Object, Tile
+from robotouille.world.sight import ranks
 from robotouille.world.world import World
 
 DIRECTION = (0, -1)
-"""Direction of all players in a told task."""
+"""Direction of all players in a public task."""
 
 
-def told_task(world: World) -> Task:
+def public_task(world: World) -> Task:
     """Return a world's task with places and conditions that do not depend on the real ones.
 
     Stations keep their places. All other things lie on the first stations, one for each type, and
@@ -29,7 +30,9 @@ def told_task(world: World) -> Task:
     task = world.task
     raw = task.problem.model_dump(mode="json", by_alias=True, exclude_unset=True)
     raw["objects"] = {kind: [] for kind in raw.get("objects", ())}
-    for thing, tile in _told_places(world):
+    rank = ranks(world)
+    # Objects at one place are numbered in the order in which the problem lists them.
+    for thing, tile in sorted(_public_places(world), key=lambda row: rank[row[0].name]):
         raw["objects"][thing.type].append(_definition(world, thing, tile))
     raw["seats"] = [task.seats]
     raw.pop("provenance", None)
@@ -38,8 +41,8 @@ def told_task(world: World) -> Task:
     return replace(task, problem=ProblemFile.model_validate(raw))
 
 
-def _told_places(world: World) -> Iterator[tuple[Object, Tile]]:
-    """Yield the objects in their order, each with its place in the told task.
+def _public_places(world: World) -> Iterator[tuple[Object, Tile]]:
+    """Yield the objects in their order, each with its place in the public task.
 
     The places of each type ascend, because objects are numbered by place.
     """
@@ -79,7 +82,7 @@ def _standing_places(world: World, start: Tile, grid: list[Tile]) -> list[Tile]:
 
 
 def _definition(world: World, thing: Object, tile: Tile) -> dict[str, Any]:
-    """Return an object of the told task as JSON values."""
+    """Return an object of the public task as JSON values."""
     row: dict[str, Any] = {"name": thing.kind, "x": tile[0], "y": tile[1]}
     if known := [name for name in thing.predicates if name in world.table.static_predicates]:
         row["predicates"] = known
