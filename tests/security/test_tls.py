@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import asyncio.sslproto
 import gc
 import json
 import os
@@ -385,6 +386,7 @@ async def test_public_url_has_the_certificates_name(tmp_path: Path) -> None:
         assert server.url == f"wss://127.0.0.1:{server.port}"
 
 
+SSLPROTO = asyncio.sslproto.__file__
 HELLO = b'{"type": "hello", "protocol": 1, "name": "ada", "ref": 1}'
 
 
@@ -430,6 +432,24 @@ def test_turn_decrypts_few_of_many_small_records(
     asyncio.run(main())
     assert sum(sizes) > 3000
     assert max(sizes) <= RECORDS_AT_A_TIME
+
+
+@virtual
+async def test_connection_holds_little_memory_for_tls(pair: Pair, tmp_path: Path) -> None:
+    count = 10
+    async with serving(tmp_path / "r", tls_cert=pair.cert, tls_key=pair.key) as server:
+        tracemalloc.start()
+        clients = [
+            await asyncio.open_connection("127.0.0.1", server.port, ssl=pair.client())
+            for _ in range(count)
+        ]
+        snapshot = tracemalloc.take_snapshot()
+        tracemalloc.stop()
+        for _, writer in clients:
+            writer.transport.abort()
+    of_tls = snapshot.filter_traces([tracemalloc.Filter(inclusive=True, filename_pattern=SSLPROTO)])
+    # The clients are in the same process.
+    assert sum(trace.size for trace in of_tls.traces) / (2 * count) < 32 * 1024
 
 
 @virtual

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from asyncio.sslproto import SSLProtocol
 from math import inf
 from typing import Any, cast
 
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from robotouille_server.transport.loop_budget import LOOP_BUDGET, LoopBudget
 from robotouille_server.transport.tls_records import (
+    BYTES_AT_A_TIME,
     HANDSHAKE,
     HANDSHAKE_COST,
     HEAD_BYTES,
@@ -238,6 +240,15 @@ async def test_oversized_record_reaches_tls_which_rejects_it() -> None:
     pair.socket.receive((bytes((DATA, 3, 3)) + b"\xff\xff").ljust(40_000, b"\0"))
     await turns(3)
     assert len(pair.received) > HEAD_BYTES
+
+
+async def test_no_more_records_are_passed_on_than_tls_has_room_for() -> None:
+    pair = Pair()
+    stream = record(BYTES_AT_A_TIME - HEAD_BYTES - 1) + record(18 * 1024)
+    pair.socket.receive(stream)
+    await turns(5)
+    assert pair.received == stream
+    assert max(len(passed) for passed in pair.tls.received) <= SSLProtocol.max_size
 
 
 async def test_lost_connection_drops_waiting_records() -> None:

@@ -17,7 +17,7 @@ SILENT_FACTOR = 8
 They need little memory: a client's address is shared by strangers, who must not displace the client
 within its round trip."""
 HANDSHAKES_AT_ONCE = 64
-"""Concurrent handshakes. Each takes a quarter of a megabyte, used or not."""
+"""Concurrent handshakes. Each takes about 50 KiB, used or not."""
 MAX_SURPLUS_CONNECTIONS = 1000
 """Connections accepted beyond the limit, only to answer that the server is full."""
 FAIR_SECONDS = 1.0

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import ssl
+from asyncio.sslproto import SSLProtocol
 from typing import Any, NamedTuple, cast
 
 from robotouille_server.transport.loop_budget import LoopBudget
@@ -27,6 +28,14 @@ RECORD_COST = 2.0
 """Cost of a record, in frames. A change of keys takes about 50 microseconds."""
 HANDSHAKE_COST = 48.0
 """Cost of a record of a handshake. A signature with an RSA key of 4,096 bits takes milliseconds."""
+
+TLS_BUFFER_BYTES = 20 * 1024
+"""Bytes passed to TLS at a time. The largest record has 18 KiB and a head (RFC 5246, 6.2.3)."""
+
+# Each encrypted connection of asyncio holds a buffer of this size, by default 256 KiB. That is the
+# most that asyncio reads from a socket at a time, but the meter passes on less. No argument of
+# `start_tls` changes the size, so it is changed for all connections of the process.
+SSLProtocol.max_size = TLS_BUFFER_BYTES
 
 METER = "record_meter"
 """Key under which `get_extra_info` of an encrypted transport returns its `RecordMeter`."""
@@ -161,8 +170,8 @@ class RecordMeter(asyncio.Transport, asyncio.BufferedProtocol):
                 break
             length = int.from_bytes(received[size + 3 : size + HEAD_BYTES], "big")
             # OpenSSL rejects records of more than 18 KiB by their head. It needs no more of them.
-            end = size + HEAD_BYTES + min(length, len(ENCRYPTED_BUFFER) - HEAD_BYTES)
-            if len(received) < end:
+            end = size + HEAD_BYTES + min(length, TLS_BUFFER_BYTES - HEAD_BYTES)
+            if len(received) < end or (size and end > TLS_BUFFER_BYTES):
                 break
             cost += HANDSHAKE_COST if received[size] == HANDSHAKE else RECORD_COST
             size = end
