@@ -142,6 +142,9 @@ SHORTEST, LONGEST = _range("open_for")
 INVALID = "message/invalid-field"
 REFUSED = "The message is refused."
 CREATE = "`create` is refused."
+REFUSED_TOO_LARGE = (
+    "The message is refused. At twice the size, the connection is closed with status 1009."
+)
 CUT = "The server closes the connection."
 MQTT_CUT = "The server closes the connection and connects again later."
 DROPPED = "The command is dropped."
@@ -151,10 +154,9 @@ NOT_SHOWN = "The client learns only that the episode ended."
 LIMITS: dict[str, tuple[Limit, ...]] = {
     "Messages": (
         Limit("Size of a client's message", _size(codec.MAX_CLIENT_BYTES),
-              "The message is refused. At twice the size, the connection is closed with status "
-              "1009.", "message/too-large"),
-        Limit("Size of a message before `welcome`", _size(MAX_HELLO_BYTES), REFUSED,
-              "message/too-large"),
+              REFUSED_TOO_LARGE, "message/too-large"),
+        Limit("Size of a message before `welcome`", _size(MAX_HELLO_BYTES),
+              REFUSED_TOO_LARGE, "message/too-large"),
         Limit("Values in a server's message", f"{codec.MAX_SERVER_ITEMS:,}",
               "Clients close the connection.", "message/malformed"),
         Limit("Facts about objects that play has created", f"{ground_objects.MAX_GROWTH:,}",

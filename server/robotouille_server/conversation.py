@@ -367,6 +367,7 @@ class Conversation:
         if old is not None:
             session.earlier_bytes += old.received_bytes
         self.session = session
+        self.peer.socket.accept_long_messages()
         self._requests = Requests(self._services, self.peer, session, self._counted)
         session.visitor = self._connection.who
         session.counted_connection = self._connection

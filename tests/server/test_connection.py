@@ -17,6 +17,7 @@ from robotouille_server.runtime.budgets import MAX_GREETINGS
 from robotouille_server.transport.connection import (
     FRAMES_BURST,
     MAX_EXCESS,
+    MAX_GREETING,
     MAX_OWN,
     MAX_REQUEST,
     MAX_UNSENT,
@@ -229,6 +230,34 @@ async def test_invalid_frames_close_with_the_right_status(tmp_path: Path) -> Non
                         assert answer["type"] == "welcome", answer
                 assert closed.value.code == status
                 wire.cut()
+
+
+@pytest.mark.parametrize("fragmented", [False, True])
+@virtual
+async def test_server_buffers_no_long_message_before_welcome(
+    tmp_path: Path, fragmented: bool
+) -> None:
+    content = b"x" * (MAX_GREETING + 1)
+    start = frame(content[:-1], fin=False) + frame(b"x", CONTINUATION, fin=False)
+    if not fragmented:
+        start = frame(b"", claimed=len(content))
+    async with wired(tmp_path, hello=False) as (_, wire):
+        await wire.write(start)
+        with pytest.raises(Closed) as closed:
+            async with asyncio.timeout(1):
+                async for answer in wire.messages():
+                    raise AssertionError(answer)
+        assert closed.value.code == 1009
+
+
+@virtual
+async def test_long_message_may_follow_hello_at_once(tmp_path: Path) -> None:
+    long = {"type": "create", "ref": 3, "task": "x" * (2 * MAX_GREETING)}
+    async with wired(tmp_path, hello=False) as (_, wire):
+        await wire.write(frame(HELLO) + frame(json.dumps(long).encode()))
+        answers = wire.messages()
+        assert (await anext(answers))["type"] == "welcome"
+        assert (await anext(answers))["code"] == "message/invalid-field"
 
 
 async def welcomed(port: int) -> Wire:

@@ -38,7 +38,7 @@ from robotouille.protocol.frames import (
     FrameReader,
     pack_frame,
 )
-from robotouille_server.runtime.budgets import TokenBucket
+from robotouille_server.runtime.budgets import MAX_HELLO_BYTES, TokenBucket
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.process_limits import few_left
 from robotouille_server.runtime.timer_queue import LATE
@@ -48,6 +48,9 @@ from robotouille_server.transport.tls_records import METER, ClientHello
 
 MAX_OWN = 2 * MAX_CLIENT_BYTES
 """Maximum size of a frame; larger messages are answered by an error."""
+MAX_GREETING = 2 * MAX_HELLO_BYTES
+"""Maximum size of a frame before `welcome`. Strangers may have many connections, and the server
+buffers a frame until it is complete."""
 MAX_REQUEST = 16 * 1024
 """Maximum size of the HTTP request, and of data that arrives during a TLS handshake."""
 REQUEST_COST = 4.0
@@ -191,7 +194,7 @@ class Connection(BufferedReader):
         # The server reads frames itself, because it must charge for them before the library
         # processes them. With this reader, a server with 600 episodes used 0.63 of a core instead
         # of 0.70 (docs/decisions/0025).
-        self._reader = FrameReader(masked=True, max_size=MAX_OWN)
+        self._reader = FrameReader(masked=True, max_size=MAX_GREETING)
         self._request_size = 0
         self._request_end = b""
         self._requested = False
@@ -322,6 +325,10 @@ class Connection(BufferedReader):
             self.pause_reading(GIVE_WAY)
             # Reading stops, so a flood stays in the kernel's buffers and TCP slows down its sender.
             self._admission.loop_budget.wait(self._resume_after_others, self.group)
+
+    def accept_long_messages(self) -> None:
+        """Read messages of any permitted size from now on, because `hello` was accepted."""
+        self._reader.max_size = MAX_OWN
 
     def share_turns(self, group: str | None) -> None:
         """Share the turns of a group from now on, for frames and for TLS records."""
@@ -495,7 +502,8 @@ class Connection(BufferedReader):
     def _library(self) -> ServerProtocol:
         """The library's part, which is made again if it was dropped."""
         if self._kept_library is None:
-            self._kept_library = ServerProtocol(state=State.OPEN, max_size=MAX_OWN)
+            limit = self._reader.max_size
+            self._kept_library = ServerProtocol(state=State.OPEN, max_size=limit)
         return self._kept_library
 
     def _pass_to_library(self, data: bytes) -> None:

@@ -40,15 +40,16 @@ class FrameReader:
         max_size: Limit of a payload in bytes, checked as soon as the length has arrived.
 
     Attributes:
+        max_size: As above. It may change between two frames.
         first: The current frame's first byte (FIN, reserved bits and opcode).
         size: The current frame's bytes, with its head.
     """
 
-    __slots__ = ("_at", "_data", "_masked", "_max_size", "_start", "first", "size")
+    __slots__ = ("_at", "_data", "_masked", "_start", "first", "max_size", "size")
 
     def __init__(self, *, masked: bool, max_size: int) -> None:
         self._masked = masked
-        self._max_size = max_size
+        self.max_size = max_size
         self._data = b""
         self._at = self._start = 0
         self.first = self.size = 0
@@ -85,8 +86,8 @@ class FrameReader:
             length = int.from_bytes(data[at + 2 : at + 2 + more])
             start += more
         # The length is checked before the payload arrives, so a forged length costs no memory.
-        if length > self._max_size:
-            raise FrameError(f"a frame of {length} bytes; the limit is {self._max_size}")
+        if length > self.max_size:
+            raise FrameError(f"a frame of {length} bytes; the limit is {self.max_size}")
         size = start + length
         if there < size:
             if at:
