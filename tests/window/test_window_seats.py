@@ -88,7 +88,7 @@ def test_cards_name_waiting_and_blocking_players() -> None:
         now = dataclasses.replace(view, **changed)
         return [status(seat, now)[0] for seat in now.seats]
 
-    assert words() == ["robot1 · human", "robot2 · bot"]
+    assert words() == ["robot1 · person", "robot2 · bot"]
     assert words(waits_for=("robot1", "robot2")) == ["your turn", "thinking"]
     assert words(me=None, waits_for=("robot1",)) == ["deciding", "robot2 · bot"]
     blocked = (("robot2", "stove1", "robot1"),)
