@@ -81,8 +81,8 @@ def resume(
 
     folder = RunFolder(run_folder)
     plan = folder.plan()
-    models = {job.agent.name: job.agent for job in plan.jobs if job.agent.kind == "model"}
-    require_base_url(map(ModelChoice.of_agent, models.values()), options.base_url)
+    models = (job.agent for job in plan.jobs if job.agent.kind == "model")
+    require_base_url(map(ModelChoice.of_agent, models), options.base_url)
     require_agents((job.agent for job in plan.jobs), comma_separated(options.agents))
     pack = read_pack(Path(plan.pack_folder), digest=plan.pack.digest)
     jobs = [_with_patience(job, options.timeout, options.attempts) for job in plan.jobs]

@@ -221,9 +221,11 @@ async def _run(
             agent = job.agent
             if agent.model == MOCK:
                 return await open_model(ModelChoice(MOCK), job.seed, opened)
-            if agent.name not in models:
-                models[agent.name] = await open_model(ModelChoice.of_agent(agent), 0, opened)
-            return models[agent.name]
+            # Not the name alone: the file of a run could name two agents alike.
+            key = agent.model_dump_json()
+            if key not in models:
+                models[key] = await open_model(ModelChoice.of_agent(agent), 0, opened)
+            return models[key]
 
         logging = asyncio.create_task(progress.log_lines())
         opened.callback(logging.cancel)

@@ -15,14 +15,14 @@ from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
 
 from robotouille.domain.json_files import parse_json, validate
 from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille.files.reading import read_text
 from robotouille.files.writing import LINK, open_own, replace_file
 from robotouille_evaluation.metrics.rows import PackId, ResultRow, read_rows
-from robotouille_evaluation.runs.job_list import EpisodeJob
+from robotouille_evaluation.runs.job_list import AgentSpec, EpisodeJob
 from robotouille_evaluation.runs.journal import append_line
 
 FORMAT = "robotouille-run/1"
@@ -44,6 +44,15 @@ class RunPlan(BaseModel):
     software: str
     steps_to_go: bool = False
     """Search how far failed episodes were from the goal."""
+
+    @field_validator("jobs")
+    @classmethod
+    def _check_names(cls, jobs: tuple[EpisodeJob, ...]) -> tuple[EpisodeJob, ...]:
+        agents: dict[str, AgentSpec] = {}
+        for job in jobs:
+            if agents.setdefault(job.agent.name, job.agent) != job.agent:
+                raise ValueError(f"two different agents are named {job.agent.name!r}")
+        return jobs
 
 
 class RunFolder:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -31,12 +32,13 @@ from robotouille_evaluation.models import (
 from robotouille_evaluation.models.openai_compatible import KEY_VARIABLES
 from robotouille_evaluation.packs import write_pack
 from robotouille_evaluation.packs.experiment import Experiment
-from robotouille_evaluation.runs import RunFolder
-from tests.support.runs import small_pack
+from robotouille_evaluation.runs import AgentSpec, EpisodeJob, RunFolder
+from tests.support.runs import small_pack, started_run
 from tests.support.samples import quick_sample
 
+SANDWICH = "synchronous/01_cheese_sandwich"
 RUN = [
-    "--tasks", "synchronous/01_cheese_sandwich", "--kinds", "default", "--agents", "react-none",
+    "--tasks", SANDWICH, "--kinds", "default", "--agents", "react-none",
     "--model", "m", "--base-url", "http://127.0.0.1:9/v1",
 ]  # fmt: skip
 
@@ -139,6 +141,29 @@ def test_resume_requires_the_base_url_again(
     assert not FakeModel.asked
     assert called("resume", tmp_path / "r", "--base-url", "http://127.0.0.1:9/v1").exit_code == 0
     assert FakeModel.asked
+
+
+@pytest.mark.parametrize("harmless", [{"model": "mock"}, {"base_url": ""}])
+def test_agents_with_equal_names_get_no_key(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, harmless: dict[str, str]
+) -> None:
+    """Only the last agent of a name was checked, and all of them were played."""
+    monkeypatch.setenv(KEY_VARIABLES[0], "sk-0123456789")
+    spec = AgentSpec(name="a", kind="model", strategy="react-none", model="m",
+                     base_url="http://127.0.0.1:9/v1")  # fmt: skip
+    pack = small_pack(SANDWICH)
+    job = EpisodeJob(agent=spec, instance=pack.instances[0].id, seats=1, seed=0, budget="own")
+    alike = job.model_copy(update={"seed": 1, "agent": spec.model_copy(update=harmless)})
+    plan = started_run(tmp_path, pack, job).path / "run.json"
+    write_pack(pack, tmp_path / "pack")
+    content = json.loads(plan.read_text())
+    content["jobs"].append(alike.model_dump(mode="json"))
+    content["pack_folder"] = "pack"
+    plan.write_text(json.dumps(content))
+    result = called("resume", tmp_path)
+    assert result.exit_code == 1
+    assert "two different agents are named 'a'" in result.output
+    assert not FakeModel.asked
 
 
 @pytest.mark.parametrize(
