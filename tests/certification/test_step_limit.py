@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from robotouille import load_task
+from robotouille import World, load_task
 from robotouille.certification.certificate import load_certificate
-from robotouille.certification.step_limit import people_step_limit, retimed_length
+from robotouille.certification.step_limit import people_step_limit, plan_beside, retimed_length
+from robotouille.files.reading import MAX_FILE_BYTES
 
 NAMES = ["synchronous/01", "asynchronous/07", "multi_agent/01@2", "multi_agent/10@3"]
 
@@ -47,3 +48,16 @@ def test_no_limit_without_certificate(tmp_path: Path) -> None:
     fields = json.loads(load_certificate("synchronous/01").model_dump_json())
     (tmp_path / "mine.certificate.json").write_text(json.dumps(fields | {"instance": "0" * 32}))
     assert people_step_limit(load_task(str(problem), timing="people", seed=0), 5.0) is None
+
+
+def test_plan_file_that_is_too_long_is_not_read(tmp_path: Path) -> None:
+    """A sparse file of 1 GB next to a problem took 13 GB of memory."""
+    world, problem = World("synchronous/01"), tmp_path / "mine.json"
+    source = Path(world.task.source)
+    problem.write_bytes(source.read_bytes())
+    plan = problem.with_suffix(".plan")
+    plan.write_bytes(source.with_suffix(".plan").read_bytes())
+    assert plan_beside(World(str(problem))) == plan_beside(world)
+    with plan.open("ab") as file:
+        file.write(b"# " + bytes(MAX_FILE_BYTES))
+    assert plan_beside(World(str(problem))) is None

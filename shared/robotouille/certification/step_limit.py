@@ -9,7 +9,7 @@ from pathlib import Path
 from robotouille.certification.certificate import load_certificate
 from robotouille.domain.task import Task, Timing
 from robotouille.errors import FileError, UnknownTaskError
-from robotouille.files.reading import is_file
+from robotouille.files.reading import is_file, read_text
 from robotouille.planning.plan import Plan, read_plan, replay
 from robotouille.planning.policies.policy import Script
 from robotouille.world.world import World
@@ -23,7 +23,7 @@ def plan_beside(world: World) -> Plan | None:
         if not is_file(path):
             continue
         try:
-            steps = _without_comments(path.read_text(encoding="utf-8"))
+            steps = _without_comments(read_text(path))
             plan = read_plan(steps, world, str(path))
         except (OSError, UnicodeDecodeError, FileError):
             continue
