@@ -21,7 +21,7 @@ from pydantic import TypeAdapter, ValidationError
 from robotouille.domain.fast_failing import fast_failing
 from robotouille.domain.json_files import parse_json
 from robotouille.errors import Fault, FileError, did_you_mean
-from robotouille.files.drafts import draft_of, drafted_folder
+from robotouille.files.drafts import drafted_folder
 from robotouille.files.reading import is_file
 from robotouille_evaluation.packs.experiment_settings import setting_faults
 from robotouille_evaluation.packs.pack import Pack, canonical_json, fields_of
@@ -47,6 +47,7 @@ def write_pack(pack: Pack, folder: Path) -> None:
     Raises:
         FileError: The pack cannot be written, or the folder contains something else.
     """
+    _restore(folder)
     if folder.exists() and not _replaceable(folder):
         _fail(folder, "already contains something that is not a pack; choose another folder")
     try:
@@ -61,9 +62,10 @@ def write_pack(pack: Pack, folder: Path) -> None:
 
 def _put_in_place(draft: Path, folder: Path) -> None:
     """Rename a draft to `folder`, and delete the earlier folder."""
-    old = draft_of(folder, "old")
+    old = _former(folder)
     try:
         if folder.exists():
+            shutil.rmtree(old, ignore_errors=True)
             folder.replace(old)
         draft.replace(folder)
     finally:
@@ -75,6 +77,19 @@ def _put_in_place(draft: Path, folder: Path) -> None:
             shutil.rmtree(old, ignore_errors=True)
 
 
+def _former(folder: Path) -> Path:
+    """Return the name of an earlier pack until the new one is in place."""
+    # Not the name of a draft: drafts are deleted after a kill, and this may be the only copy.
+    return folder.with_name(f".{folder.name}.old")
+
+
+def _restore(folder: Path) -> None:
+    """Give a pack its name back if a kill stopped its replacement."""
+    with suppress(OSError, ValueError):
+        if not folder.exists():
+            _former(folder).replace(folder)
+
+
 def read_pack(folder: Path, *, digest: str | None = None) -> Pack:
     """Return the pack in a folder after checking its hashes.
 
@@ -84,6 +99,7 @@ def read_pack(folder: Path, *, digest: str | None = None) -> Pack:
     Raises:
         FileError: The folder is not a pack, has another format or digest, or is damaged.
     """
+    _restore(folder)
     manifest = _read_manifest(folder)
     texts = _checked(folder, manifest["files"])
     try:

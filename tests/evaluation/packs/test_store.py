@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -64,6 +66,31 @@ def test_failed_write_keeps_the_old_pack(
     monkeypatch.undo()
     assert read_pack(folder) == pack
     assert [path.name for path in folder.parent.iterdir()] == ["toast"]
+
+
+@pytest.mark.parametrize("renames", [1, 2])
+def test_killed_write_leaves_a_whole_pack(
+    folder: Path, pack: Pack, monkeypatch: pytest.MonkeyPatch, renames: int
+) -> None:
+    """A kill between two renames left the pack as a draft, which the next write deleted."""
+    new, copy = replace(pack, version="2"), folder.parent.parent / "copy"
+    rename, done = Path.replace, []
+
+    def counted(path: Path, target: Path) -> Path:
+        found = rename(path, target)
+        done.append(target)
+        if len(done) == renames:
+            shutil.copytree(folder.parent, copy)  # as the disk is after a kill now
+        return found
+
+    monkeypatch.setattr(Path, "replace", counted)
+    write_pack(new, folder)
+    monkeypatch.undo()
+    killed = copy / "toast"
+    assert read_pack(killed) == (pack, new)[renames - 1]
+    write_pack(new, killed)
+    assert read_pack(killed) == new
+    assert [path.name for path in copy.iterdir()] == ["toast"]
 
 
 def test_reading_a_checkout_suggests_import(tmp_path: Path, pack: Pack) -> None:
