@@ -76,14 +76,16 @@ def compare(
     rows, _ = _rows_of(runs)
     rows = _of_variant(rows, variant)
     of_first, of_second = (_of_agent(rows, name) for name in (first, second))
-    found = [(of_first[pair], of_second[pair]) for pair in of_first if pair in of_second]
+    # In one order, because drawn swaps of a permutation test depend on it.
+    both = sorted(of_first.keys() & of_second.keys(), key=str)
+    found = [(of_first[pair], of_second[pair]) for pair in both]
     if not found:
         raise RobotouilleError(
             f"{first} and {second} have no episode in common: {_why_apart(of_first, of_second)}"
         )
     # A shift that failed before its first step has no points to compare.
-    shifts = [pair for pair in found if pair[0].score is not None and pair[1].score is not None]
-    goals = [pair for pair in found if not pair[0].is_shift]
+    shifts = [pair for pair in map(_with_score, found) if all(pair)]
+    goals = [pair for pair in found if not pair[0][0].is_shift]
     result: dict[str, Any] = {"episodes": len(found)}
     lines = []
     if goals:
@@ -95,26 +97,38 @@ def compare(
     tell(json.dumps(result) if json_output else "\n".join(lines))
 
 
-RowPair = tuple["ResultRow", "ResultRow"]
+RowPair = tuple[list["ResultRow"], list["ResultRow"]]
+"""Results of two agents under the same conditions; several, if an episode was played again."""
+
+
+def _with_score(pair: RowPair) -> RowPair:
+    mine, theirs = ([row for row in rows if row.score is not None] for rows in pair)
+    return mine, theirs
+
+
+def _count(pairs: Sequence[RowPair], what: str) -> str:
+    repeated = any(len(rows) > 1 for pair in pairs for rows in pair)
+    return f"{len(pairs)} {what}{', by the means of repeated ones' if repeated else ''}"
 
 
 def _compared_goals(
     first: str, second: str, pairs: Sequence[RowPair]
 ) -> tuple[str, dict[str, Any]]:
     from robotouille_evaluation.metrics.outcomes import succeeded
-    from robotouille_evaluation.metrics.statistics import mcnemar_test, permutation_test
+    from robotouille_evaluation.metrics.statistics import permutation_test, success_test
 
-    mine, theirs = zip(*pairs, strict=True)
-    won = [[succeeded(row) for row in rows] for rows in (mine, theirs)]
-    steps = [[row.outcome.steps for row in rows] for rows in (mine, theirs)]
-    p, p_steps = mcnemar_test(*won), permutation_test(*steps)
+    agents = list(zip(*pairs, strict=True))
+    won = [[fmean(map(succeeded, rows)) for rows in agent] for agent in agents]
+    steps = [[fmean(row.outcome.steps for row in rows) for rows in agent] for agent in agents]
+    (p, test), p_steps = success_test(*won), permutation_test(*steps)
+    mine, theirs = (int(total) if total % 1 == 0 else total for total in map(sum, won))
     words = (
-        f"{len(pairs)} episodes: {first} solves {sum(won[0])}, {second} {sum(won[1])}; "
-        f"p {_p_value(p)} (McNemar, exact). Mean steps {fmean(steps[0]):.1f} and "
+        f"{_count(pairs, 'episodes')}: {first} solves {mine:.10g}, {second} {theirs:.10g}; "
+        f"p {_p_value(p)} ({test}). Mean steps {fmean(steps[0]):.1f} and "
         f"{fmean(steps[1]):.1f}; p {_p_value(p_steps)} (permutation)"
     )
     means = {first: fmean(steps[0]), second: fmean(steps[1]), "p": p_steps}
-    return words, {first: sum(won[0]), second: sum(won[1]), "p": p, "mean_steps": means}
+    return words, {first: mine, second: theirs, "p": p, "mean_steps": means}
 
 
 def _compared_shifts(
@@ -122,12 +136,12 @@ def _compared_shifts(
 ) -> tuple[str, dict[str, float]]:
     from robotouille_evaluation.metrics.statistics import permutation_test
 
-    mine, theirs = ([row.score.points for row in rows if row.score is not None]
-                    for rows in zip(*pairs, strict=True))  # fmt: skip
+    mine, theirs = ([fmean(row.score.points for row in rows if row.score) for rows in agent]
+                    for agent in zip(*pairs, strict=True))  # fmt: skip
     p = permutation_test(mine, theirs)
     words = (
-        f"{len(pairs)} shifts: mean points {fmean(mine):.1f} of {first} and {fmean(theirs):.1f} "
-        f"of {second}; p {_p_value(p)} (permutation)"
+        f"{_count(pairs, 'shifts')}: mean points {fmean(mine):.1f} of {first} and "
+        f"{fmean(theirs):.1f} of {second}; p {_p_value(p)} (permutation)"
     )
     return words, {first: fmean(mine), second: fmean(theirs), "p": p}
 
@@ -219,15 +233,17 @@ def _of_variant(rows: Sequence[ResultRow], wanted: str | None) -> list[ResultRow
     return list(rows)
 
 
-def _of_agent(rows: Sequence[ResultRow], name: str) -> dict[Pair, ResultRow]:
+def _of_agent(rows: Sequence[ResultRow], name: str) -> dict[Pair, list[ResultRow]]:
     """Return the rows of an agent by pair. Its model may be omitted if the name is unambiguous."""
+    from robotouille_evaluation.metrics.statistics import by_pair
+
     agents = sorted({row.agent for row in rows})
     meant = [name] if name in agents else [a for a in agents if a.startswith(f"{name} (")]
     if len(meant) != 1:
         known = ", ".join(meant or agents)
         wrong = "is ambiguous; choose" if meant else "has no episode; choose"
         raise RobotouilleError(f"{name!r} {wrong} {known}")
-    return {row.pair: row for row in rows if row.agent == meant[0]}
+    return by_pair(row for row in rows if row.agent == meant[0])
 
 
 def _why_apart(one: Iterable[Pair], other: Iterable[Pair]) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import csv
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from math import comb, sqrt
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from robotouille.domain.json_files import parse_json
 from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille.files.reading import read_text
 from robotouille.html_report.intervals import Interval
-from robotouille_evaluation.metrics.rows import Category, ResultRow
+from robotouille_evaluation.metrics.rows import Category, Pair, ResultRow
 
 RESAMPLES = 2000
 CHUNK = 2_000_000
@@ -169,6 +169,27 @@ def mcnemar_test(one: Sequence[bool], other: Sequence[bool]) -> float:
     number, fewer = only_one + only_other, min(only_one, only_other)
     ways = sum(comb(number, k) for k in range(fewer + 1))
     return float(min(1.0, 2 * ways / 2**number))
+
+
+def success_test(one: Sequence[float], other: Sequence[float]) -> tuple[float, str]:
+    """Return the two-sided p-value of a paired test of equal success rates, and the test's name.
+
+    Values are successes (0 or 1) or, for episodes that were played several times, their means.
+
+    Raises:
+        ValueError: The lengths differ.
+    """
+    if {0.0, 1.0}.issuperset(one) and {0.0, 1.0}.issuperset(other):
+        return mcnemar_test([*map(bool, one)], [*map(bool, other)]), "McNemar, exact"
+    return permutation_test(one, other), "permutation"
+
+
+def by_pair(rows: Iterable[ResultRow]) -> dict[Pair, list[ResultRow]]:
+    """Return an agent's rows by pair: several, if it played an episode in several runs."""
+    found: dict[Pair, list[ResultRow]] = {}
+    for row in rows:
+        found.setdefault(row.pair, []).append(row)
+    return found
 
 
 class Label(BaseModel):

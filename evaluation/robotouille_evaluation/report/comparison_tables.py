@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from statistics import fmean
 
 from robotouille.html_report.page import Table, TableRow
 from robotouille_evaluation.metrics import outcomes
-from robotouille_evaluation.metrics.rows import ResultRow
-from robotouille_evaluation.metrics.statistics import mcnemar_test
+from robotouille_evaluation.metrics.rows import Pair, ResultRow
+from robotouille_evaluation.metrics.statistics import by_pair, success_test
 from robotouille_evaluation.packs.published_figures import REACT
 from robotouille_evaluation.report import published
 from robotouille_evaluation.report.cells import (
@@ -125,9 +126,9 @@ def _published_variants(rows: Sequence[ResultRow]) -> Iterator[TableRow]:
 
 
 def comparisons(rows: Sequence[ResultRow]) -> Table:
-    """Compare every two players on their common episodes with McNemar's exact test."""
-    results: Mapping[str, dict[object, bool]] = {
-        name: {row.pair: outcomes.succeeded(row) for row in group}
+    """Compare every two players on their common episodes, by mean if they have several results."""
+    results: Mapping[str, dict[Pair, float]] = {
+        name: {pair: fmean(map(outcomes.succeeded, own)) for pair, own in by_pair(group).items()}
         for name, group in named(rows).items()
     }
     lines = []
@@ -138,13 +139,14 @@ def comparisons(rows: Sequence[ResultRow]) -> Table:
             if not both:
                 continue
             mine, theirs = ([results[name][pair] for pair in both] for name in (one, other))
-            p = mcnemar_test(mine, theirs)
-            counts = (str(sum(mine)), str(sum(theirs)), str(len(both)))
+            p, _ = success_test(mine, theirs)
+            counts = (f"{sum(mine):.10g}", f"{sum(theirs):.10g}", str(len(both)))
             lines.append(TableRow((one, other, *counts, "< 0.001" if p < 0.001 else f"{p:.3f}")))
     columns = ("one", "other", "one solves", "other solves", "of", "p")
     note = (
         "McNemar's exact test on episodes with the same instance and seed, without correction for "
-        "multiple comparisons."
+        "multiple comparisons. An episode that was played several times counts with its mean, and "
+        "then a permutation test replaces McNemar's."
     )
     note += left_out("players", results, names)
     return new_table("comparisons", "Players compared in pairs", columns, lines, note)

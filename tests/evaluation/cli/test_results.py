@@ -12,6 +12,7 @@ from robotouille_evaluation.cli.benchmark import benchmark
 from robotouille_evaluation.metrics import BudgetRow, Category, EpisodeMeasures, PackId, ResultRow
 from robotouille_evaluation.metrics import Result as Outcome
 from robotouille_evaluation.metrics.rows import FailureRow
+from robotouille_evaluation.report.comparison_tables import comparisons
 from robotouille_evaluation.runs import RunFolder
 from tests.support.episode_rows import row, shift_row
 
@@ -89,6 +90,35 @@ def test_shifts_are_compared_by_points(tmp_path: Path) -> None:
     found = json.loads(called("compare", "planner", "random", run, "--json").output)
     assert found["episodes"] == 12
     assert found["mean_points"]["random"] == 5.5
+
+
+def test_repeated_episodes_are_compared_by_their_means(tmp_path: Path) -> None:
+    """The rows of the last folder replaced those of the others."""
+    lost = Outcome(success=False, steps=12, ended_by="step-limit")
+    many = [{"job": f"a{n}", "instance": f"i{n}"} for n in range(14)]
+    one = run_of(
+        tmp_path / "one",
+        *(row(run="one", **each) for each in many),
+        *(row(run="one", agent="random", **each | {"job": f"{n}"}) for n, each in enumerate(many)),
+        shift_row(90, run="one", job="s"),
+        shift_row(50, run="one", job="t", agent="random"),
+    )
+    two = run_of(
+        tmp_path / "two",
+        *(row(run="two", outcome=lost, **each) for each in many[::-1][:5]),
+        shift_row(20, run="two", job="s"),
+    )
+    found = [called("compare", "planner", "random", *runs).output
+             for runs in ((one, two), (two, one))]  # fmt: skip
+    assert found[0] == found[1]
+    text = " ".join(found[0].split())
+    assert "14 episodes, by the means of repeated ones: planner solves 11.5, random 14" in text
+    assert "p = 0.062 (permutation). Mean steps 8.7 and 8.0" in text
+    assert "1 shifts, by the means of repeated ones: mean points 55.0 of planner and 50.0" in text
+    rows = [each for path in (one, two) for each in RunFolder(path).rows() if not each.is_shift]
+    for ordered in (rows, rows[::-1]):
+        (line,) = comparisons(ordered).rows
+        assert line.cells == ("planner", "random", "11.5", "14", "14", "0.062")
 
 
 def test_labels_are_paired_within_a_run(tmp_path: Path) -> None:
