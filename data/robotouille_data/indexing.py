@@ -43,9 +43,9 @@ FILES_AT_ONCE = 50
 """Files in one transaction. A lost database connection repeats at most this many."""
 MAX_BYTES = 4 * 1024 * 1024
 """Bytes of files in one transaction of several files."""
-MAX_PLAIN_BYTES = 64 * 1024 * 1024
-"""Uncompressed bytes after which a transaction takes no more files. Recordings of a few kilobytes
-can expand to 256 MiB each."""
+MAX_HELD_BYTES = 32 * 1024 * 1024
+"""Memory of rows and recordings after which a transaction takes no more files. A recording of a
+few kilobytes can expand to 256 MiB, or to millions of rows."""
 MAX_FAULT = 500
 UNFIT = (RecordingError, DataError, IntegrityError, OverflowError, UnicodeError)
 """Errors that a damaged recording can cause, as opposed to the database."""
@@ -276,9 +276,9 @@ def _transactions(
     for file in files:
         if each := _read(*file, faults, searches):
             read.append(each)
-            size += each.plain_size
+            size += each.size
         del each  # Otherwise it stays in memory while the next file is read.
-        if size > MAX_PLAIN_BYTES:
+        if size > MAX_HELD_BYTES:
             yield read
             read, size = [], 0
     if read:
@@ -322,8 +322,10 @@ def _read(path: str, stamp: Stamp, faults: dict[str, str], searches: Searches) -
     except OSError as error:
         faults[path] = f"cannot be read: {error.strerror or error}"
         return None
-    size = plain_size(content)
-    return ReadFile(path, stamp, digest, parts=chain(beginning, parts), plain_size=size)
+    size = sum(part.size for part in beginning)
+    if len(beginning) > 1:  # The recording is held, because there may be more parts.
+        size += plain_size(content)
+    return ReadFile(path, stamp, digest, parts=chain(beginning, parts), size=size)
 
 
 def _fault(error: Exception) -> str:

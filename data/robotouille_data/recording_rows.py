@@ -39,6 +39,15 @@ from robotouille_data.schema import EPISODES, EVENTS, LABELS, MEASURES, SEATS, S
 
 Row = tuple[Any, ...]
 TableRows = tuple[sa.Table, Sequence[Row]]
+
+
+class Part(NamedTuple):
+    """Rows of several tables, and the bytes of memory that they take at most."""
+
+    tables: list[TableRows]
+    size: int
+
+
 INT32, INT64 = 2**31 - 1, 2**63 - 1
 # The rows of a hostile recording would fill the disk: each step has a row for each seat.
 MAX_SEATS, MAX_STEP_ROWS = 64, 20_000_000
@@ -68,7 +77,7 @@ class RowBuilder:
     ) -> None:
         self._steps: list[Row] = []
         self._events: list[Row] = []
-        self._text = 0
+        self._text = 0  # In bytes of memory.
         self._header = header
         self._id = episode_id
         self._useful = useful
@@ -176,8 +185,9 @@ class RowBuilder:
                 seat.work += name not in self._workless
             else:
                 self._blocking += 1
-            words = _clean(" ".join(arguments))
-            found[move["player"]] = _clean(name), words, applied, milliseconds, stale
+            texts = _clean(name), _clean(" ".join(arguments))
+            self._text += sum(map(_memory, texts))
+            found[move["player"]] = *texts, applied, milliseconds, stale
         return found
 
     def _note(self, note: dict[str, Any]) -> None:
@@ -205,16 +215,17 @@ class RowBuilder:
             self._id, self._number, self._step, _bounded(note["t"]), note["note"],
             None if seat is None else seat.number, *texts,
         ))  # fmt: skip
-        self._text += sum(map(len, texts))
+        self._text += sum(map(_memory, texts))
         self._number += 1
 
     def full(self) -> bool:
         """Return whether the rows so far should be taken."""
         return len(self._steps) + len(self._events) >= MAX_ROWS or self._text >= MAX_TEXT
 
-    def take_rows(self) -> list[TableRows]:
+    def take_rows(self) -> Part:
         """Return the rows of steps and events so far, and forget them."""
-        taken: list[TableRows] = [(STEPS, self._steps), (EVENTS, self._events)]
+        size = (len(self._steps) + len(self._events)) * ROW_BYTES + self._text
+        taken = Part([(STEPS, self._steps), (EVENTS, self._events)], size)
         self._steps, self._events, self._text = [], [], 0
         return taken
 
@@ -344,14 +355,22 @@ def _clean(text: str) -> str:
     return text.replace("\0", "\N{REPLACEMENT CHARACTER}") if "\0" in text else text
 
 
+def _memory(text: str) -> int:
+    """Return the bytes of memory that a text takes at most while it is stored."""
+    # Python takes up to four bytes for a character, and SQLite's driver adds its UTF-8.
+    return len(text) if text.isascii() else 8 * len(text)
+
+
 def _json(value: object) -> str:
     text = json.dumps(value, ensure_ascii=False, sort_keys=True, separators=(",", ":"))
     return text.replace("\\u0000", "\N{REPLACEMENT CHARACTER}") if "\\u0000" in text else text
 
 
 MAX_ROWS, MAX_TEXT = 100_000, 16 * 1024 * 1024
-"""Maximum number of rows in memory, and of characters in their texts. The rows of a longer
+"""Maximum number of rows in memory, and of bytes of their texts. The rows of a longer
 recording come in several parts."""
+ROW_BYTES = 300
+"""Memory of a row without its long texts."""
 
 
 def read_content(path: Path) -> bytes:
@@ -399,9 +418,7 @@ class Searches(NamedTuple):
 NO_SEARCHES = Searches()
 
 
-def recorded_rows(
-    content: bytes, number: int, searches: Searches = NO_SEARCHES
-) -> Iterator[list[TableRows]]:
+def recorded_rows(content: bytes, number: int, searches: Searches = NO_SEARCHES) -> Iterator[Part]:
     """Yield the rows of a recording in parts. The last part has the summary rows.
 
     Args:
@@ -450,11 +467,13 @@ def _builders(
         raise RecordingError("damaged: the file is closed but has no footer")
 
 
-def _summary(rows: RowBuilder, left: StepsLeft) -> list[TableRows]:
-    return [
-        *rows.take_rows(),
+def _summary(rows: RowBuilder, left: StepsLeft) -> Part:
+    taken = rows.take_rows()
+    summary: list[TableRows] = [
         (SEATS, rows.seats()),
         (LABELS, rows.labels()),
         (MEASURES, [rows.measures(left)]),
         (EPISODES, [rows.episode()]),
     ]
+    texts = (cell for _, found in summary for row in found for cell in row if isinstance(cell, str))
+    return Part([*taken.tables, *summary], taken.size + sum(map(_memory, texts)))

@@ -10,7 +10,7 @@ import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
 from robotouille_data.database import in_pieces, insert
-from robotouille_data.recording_rows import Searches, TableRows, episode_id
+from robotouille_data.recording_rows import Part, Searches, episode_id
 from robotouille_data.schema import EPISODE_TABLES, EPISODES, MEASURES, RECORDINGS, SEATS
 
 
@@ -26,15 +26,15 @@ class Stamp:
 class ReadFile:
     """Recording with the rows of its episode, or with the fault that prevented reading.
 
-    `plain_size`: uncompressed bytes.
+    `size`: bytes of memory that its first parts take at most.
     """
 
     path: str
     stamp: Stamp
     digest: str
     fault: str = ""
-    parts: Iterable[list[TableRows]] = ()
-    plain_size: int = 0
+    parts: Iterable[Part] = ()
+    size: int = 0
 
 
 def known_files(connection: Connection, folder: str) -> dict[str, Stamp]:
@@ -108,7 +108,7 @@ def store(connection: Connection, files: Sequence[ReadFile]) -> None:
         for place, part in enumerate(file.parts):
             if place:  # A long recording: write these rows before reading more.
                 _insert_all(connection, gathered)
-            for table, more in part:
+            for table, more in part.tables:
                 gathered.setdefault(table, []).extend(more)
     _insert_all(connection, gathered)
 

@@ -186,7 +186,7 @@ def test_small_files_that_expand_are_not_held_together(
         notes = {"kind": "notes", "notes": [{**noted, "text": f"{number}" + "x" * 400_000}] * 8}
         stream = MAGIC + b"".join([*frames[:-1], *[pack_frame(notes)] * 5, frames[-1]])
         (tmp_path / f"large{number}.rbt").write_bytes(compress(stream))
-    monkeypatch.setattr(indexing, "MAX_PLAIN_BYTES", 1024 * 1024)
+    monkeypatch.setattr(indexing, "MAX_HELD_BYTES", 1024 * 1024)
     # A buffer of this size is reserved for each file, and only its used part takes memory.
     monkeypatch.setattr(reading, "MAX_FILE", 1024 * 1024)
     tracemalloc.start()
@@ -197,6 +197,34 @@ def test_small_files_that_expand_are_not_held_together(
         tracemalloc.stop()
     assert report == IndexResult(indexed=6)
     assert most < 3 * len(stream)
+
+
+def test_small_files_of_many_rows_are_not_held_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames = list(read_frames(random_stream(0)))
+    first = next(place for place, frame in enumerate(frames) if frame["kind"] == "step")
+    steps = [{"kind": "step", "step": n, "t": n, "moves": []} for n in range(1, 2001)]
+    frames[-1]["outcome"]["steps"] = len(steps)
+    for number in range(9):
+        folder = tmp_path / ("many" if number else "one")
+        folder.mkdir(exist_ok=True)
+        frames[0]["episode"] = f"e{number}"
+        stream = MAGIC + b"".join(map(pack_frame, [*frames[:first], *steps, frames[-1]]))
+        (folder / f"{number}.rbt").write_bytes(compress(stream))
+    monkeypatch.setattr(indexing, "MAX_HELD_BYTES", 1024 * 1024, raising=False)
+    monkeypatch.setattr(reading, "MAX_FILE", 1024 * 1024)
+    indexed(str(tmp_path / "imports.sqlite"), tmp_path / "one", jobs=1)
+    most = {}
+    for name, count in (("one", 1), ("many", 8)):
+        tracemalloc.start()
+        try:
+            report = indexed(str(tmp_path / f"{name}.sqlite"), tmp_path / name, jobs=1)
+            _, most[name] = tracemalloc.get_traced_memory()
+        finally:
+            tracemalloc.stop()
+        assert report == IndexResult(indexed=count)
+    assert most["many"] < 2 * most["one"]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="file names are text elsewhere")

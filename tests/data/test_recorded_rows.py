@@ -28,6 +28,7 @@ from robotouille_data.recording_rows import (
     episode_id,
     recorded_rows,
 )
+from robotouille_data.schema import EVENTS
 from robotouille_evaluation.metrics.measuring import blocking, contributions
 from robotouille_evaluation.metrics.outcomes import repeated_transitions
 from robotouille_evaluation.metrics.trajectory import Trajectory
@@ -42,7 +43,7 @@ Rows = dict[str, list[dict[str, Any]]]
 def rows_of(content: bytes, searches: Searches = NO_SEARCHES) -> Rows:
     found: Rows = {}
     for part in recorded_rows(content, episode_id(content_digest(content)), searches):
-        for table, rows in part:
+        for table, rows in part.tables:
             names = [column.name for column in table.columns]
             named = [dict(zip(names, row, strict=True)) for row in rows]
             found.setdefault(table.name, []).extend(named)
@@ -226,6 +227,21 @@ def test_long_recording_gives_several_parts(
     monkeypatch.setattr(reading, limit, most)
     assert len(list(recorded_rows(stream, 1))) > 2
     assert rows_of(stream) == at_once
+
+
+def test_parts_of_texts_are_bounded_in_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
+    emoji = "\N{GRINNING FACE}" * 50_000
+    noted = {"note": "noted", "t": 0, "player": "robot1", "topic": "x", "text": emoji}
+    frames = list(map(pack_frame, read_frames(random_stream(0))))
+    notes = pack_frame({"kind": "notes", "notes": [noted]})
+    stream = MAGIC + b"".join([*frames[:-1], *[notes] * 8, frames[-1]])
+    whole = rows_of(stream)
+    monkeypatch.setattr(reading, "MAX_TEXT", 1_000_000)
+    text = [column.name for column in EVENTS.columns].index("text")
+    for part in recorded_rows(stream, 1):
+        events = [row for table, rows in part.tables if table is EVENTS for row in rows]
+        assert sum(len(row[text].encode()) for row in events) < 1_000_000
+    assert rows_of(stream) == whole
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,7 @@ def rows_of(content: bytes) -> dict[str, list[Row]]:
     found: dict[str, list[Row]] = {"steps": [], "seats": []}
     searches = Searches(useful=True)
     for part in recorded_rows(content, episode_id(content_digest(content)), searches):
-        for table, rows in part:
+        for table, rows in part.tables:
             names = [column.name for column in table.columns]
             named = [dict(zip(names, row, strict=True)) for row in rows]
             found.setdefault(table.name, []).extend(named)
