@@ -1,6 +1,7 @@
 """Files that are not JSON, too large, too deeply nested or unreadable are refused."""
 
 import os
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -82,6 +83,18 @@ def test_byte_order_mark_is_accepted(tmp_path: Path) -> None:
     path = tmp_path / "problem.json"
     path.write_bytes(b"\xef\xbb\xbf" + GOOD.encode())
     assert read_json(path)["width"] == 3
+
+
+def test_many_values_are_refused_before_they_are_decoded() -> None:
+    text = f"[{'[],' * 3_000_000}[]]"
+    tracemalloc.start()
+    try:
+        with pytest.raises(FileError, match="up to 9,000,004 values; at most 4,000,000"):
+            parse_json(text, "here")
+        assert tracemalloc.get_traced_memory()[1] < len(text)
+    finally:
+        tracemalloc.stop()
+    assert parse_json(f"[{'0,' * 3_000_000}0]", "here")
 
 
 def test_brackets_in_strings_do_not_count_as_nesting() -> None:

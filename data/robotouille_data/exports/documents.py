@@ -19,6 +19,7 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
+from robotouille.domain.json_files import parse_json
 from robotouille.errors import FileError
 from robotouille.files.reading import read_text
 from robotouille.files.writing import whole_file
@@ -131,8 +132,8 @@ def read_json(folder: Path, name: str) -> dict[str, Any]:
         CatalogueError: The file is missing or invalid.
     """
     try:
-        found = json.loads(read_text(folder / name, most=MAX_BYTES))
-    except (OSError, ValueError, RecursionError, FileError):
+        found = parse_json(read_text(folder / name, most=MAX_BYTES), name)
+    except (OSError, ValueError, FileError):
         raise CatalogueError(f"{folder}: not an export; {name} cannot be read") from None
     if not isinstance(found, dict):
         raise CatalogueError(f"{folder}: not an export; {name} is not an object")

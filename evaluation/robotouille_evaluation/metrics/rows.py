@@ -15,7 +15,7 @@ from typing import Annotated, NamedTuple
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from robotouille.errors import Fault, FileError
-from robotouille.files.reading import read_bytes
+from robotouille.files.reading import open_regular
 
 MAX_NUMBER = 2**53
 """Largest integer that all JSON parsers keep exactly."""
@@ -24,6 +24,8 @@ Measure = Annotated[float, Field(ge=-MAX_NUMBER, le=MAX_NUMBER)]
 """Measured number. Sums and means of larger ones could overflow."""
 MAX_ROWS_BYTES, MAX_ROW_BYTES = 1 << 29, 1 << 20
 """Bytes of a file of rows, and of one row."""
+MAX_LINES, MAX_COMMAS = 100_000, 10_000_000
+"""Lines of a file of rows, and commas in them, an upper bound of their values."""
 
 
 class RowModel(BaseModel):
@@ -282,26 +284,41 @@ def read_rows(path: Path) -> list[ResultRow]:
     Raises:
         FileError: The file cannot be read, or a line is invalid.
     """
-    try:
-        lines = read_bytes(path, MAX_ROWS_BYTES).splitlines(keepends=True)
-    except OSError as error:
-        fault = Fault("", f"cannot be read: {error.strerror or error}")
-        raise FileError(str(path), [fault]) from None
     found: dict[object, ResultRow] = {}
-    for number, line in enumerate(lines, start=1):
-        if not line.strip():
+    for number, line in enumerate(_lines(path), start=1):
+        if line.isspace():
             continue
-        if len(line) > MAX_ROW_BYTES:
-            fault = Fault(f"line {number}", f"is longer than {MAX_ROW_BYTES:,} bytes")
-            raise FileError(str(path), [fault])
         try:
             row = ResultRow.model_validate_json(line)
         except ValidationError as error:
             # Only a kill leaves a last line without a line feed; the run repeats that episode.
-            if number == len(lines) and not line.endswith(b"\n"):
+            if not line.endswith(b"\n"):
                 break
             first = error.errors(include_url=False)[0]
             field = ".".join(map(str, first["loc"]))
-            raise FileError(str(path), [Fault(f"line {number}: {field}", first["msg"])]) from None
+            raise _fault(path, f"line {number}: {field}", first["msg"]) from None
         found[(row.run, row.job) if row.job else number] = row
     return list(found.values())
+
+
+def _lines(path: Path) -> Iterator[bytes]:
+    """Yield the lines of a file of rows, which may come from anyone."""
+    size = commas = 0
+    try:
+        with open_regular(path) as file:
+            for number, line in enumerate(iter(lambda: file.readline(MAX_ROW_BYTES + 1), b""), 1):
+                size, commas = size + len(line), commas + line.count(b",")
+                if len(line) > MAX_ROW_BYTES:
+                    raise _fault(path, f"line {number}", f"is longer than {MAX_ROW_BYTES:,} bytes")
+                if size > MAX_ROWS_BYTES:
+                    raise _fault(path, "", f"the file is longer than {MAX_ROWS_BYTES:,} bytes")
+                if number > MAX_LINES or commas > MAX_COMMAS:
+                    most = f"{MAX_LINES:,} lines or {MAX_COMMAS:,} commas"
+                    raise _fault(path, "", f"the file has more than {most}")
+                yield line
+    except OSError as error:
+        raise _fault(path, "", f"cannot be read: {error.strerror or error}") from None
+
+
+def _fault(path: Path, place: str, message: str) -> FileError:
+    return FileError(str(path), [Fault(place, message)])

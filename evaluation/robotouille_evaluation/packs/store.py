@@ -13,16 +13,16 @@ import hashlib
 import json
 import shutil
 from contextlib import suppress
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, NoReturn
 
 from pydantic import TypeAdapter, ValidationError
 
 from robotouille.domain.fast_failing import fast_failing
-from robotouille.domain.json_files import parse_json
+from robotouille.domain.json_files import parse_json, weight
 from robotouille.errors import Fault, FileError, did_you_mean
 from robotouille.files.drafts import drafted_folder
-from robotouille.files.reading import is_file
+from robotouille.files.reading import is_file, read_bytes
 from robotouille_evaluation.packs.experiment_settings import setting_faults
 from robotouille_evaluation.packs.pack import Pack, canonical_json, fields_of
 
@@ -31,7 +31,10 @@ MANIFEST = "manifest.json"
 LISTS = ("tasks", "instances", "prompts", "examples", "experiments")
 OPTIONAL = "figures"
 WITH_PROBLEMS = ("tasks", "instances")
-MAX_PACK_FILE_BYTES = 64 * 1024 * 1024
+FILES = ("domain.json", *(f"{name}.json" for name in (*LISTS, OPTIONAL)))
+MAX_PACK_BYTES, MAX_PACK_VALUES = 96 * 1024 * 1024, 12_000_000
+"""Bytes of a pack's files, and their `weight`. A pack of 10,000 problems of the paper's size has
+84 MB and 10 million values."""
 
 _packs = fast_failing(TypeAdapter(Pack).core_schema)
 
@@ -103,7 +106,7 @@ def read_pack(folder: Path, *, digest: str | None = None) -> Pack:
     manifest = _read_manifest(folder)
     texts = _checked(folder, manifest["files"])
     try:
-        values = {name: parse_json(text, str(folder / name)) for name, text in texts.items()}
+        values = {name: _value(folder / name, text) for name, text in texts.items()}
         pack: Pack = _packs.validate_python(_raw(manifest, values))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
@@ -168,13 +171,13 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
         if is_file(folder / "domain/robotouille.json"):
             hint = f"; convert a checkout with `robotouille pack import {folder}`"
         _fail(folder, f"not a pack: it has no {MANIFEST}{hint}")
-    manifest = parse_json(_read(path).decode(errors="replace"), str(path))
+    manifest = parse_json(_read(path, MAX_PACK_BYTES).decode(errors="replace"), str(path))
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
         found = manifest.get("format") if isinstance(manifest, dict) else manifest
         _fail(path, f"format: expected {FORMAT!r}, found {found!r}; build the pack again")
     files = manifest.get("files")
-    if not isinstance(files, dict) or not all(map(_inside, files)):
-        _fail(path, "files: expected file names with their hashes")
+    if not isinstance(files, dict) or not files.keys() <= set(FILES):
+        _fail(path, f"files: expected file names with their hashes, of {', '.join(FILES)}")
     for key in ("name", "version", "digest"):
         if not isinstance(manifest.get(key), str):
             _fail(path, f"{key}: expected a text, found {manifest.get(key)!r}")
@@ -187,37 +190,38 @@ def _neighbours(folder: Path) -> list[str]:
     return []
 
 
-def _inside(name: str) -> bool:
-    path = PurePosixPath(name)
-    # Only one spelling: a file that is listed under many names would be read many times.
-    own = not path.is_absolute() and ".." not in path.parts and "\\" not in name
-    return own and name == str(path)
-
-
 def _checked(folder: Path, hashes: dict[str, str]) -> dict[str, str]:
     """Return the texts of all files, or raise FileError for missing or changed ones."""
     texts: dict[str, str] = {}
     faults: list[Fault] = []
+    left = MAX_PACK_BYTES
     for name, expected in hashes.items():
         path = folder / name
         if not is_file(path):
             faults.append(Fault(name, "is missing"))
             continue
-        content = _read(path)
+        content = _read(path, left)
+        left -= len(content)
         if _hash(content) != expected:
             faults.append(Fault(name, "was changed since the pack was made"))
         else:
             texts[name] = content.decode(errors="replace")
     if faults:
         raise FileError(str(folder), faults)
+    if (found := sum(map(weight, texts.values()))) > MAX_PACK_VALUES:
+        _fail(folder, f"has up to {found:,} values; at most {MAX_PACK_VALUES:,} are read")
     return texts
 
 
-def _read(path: Path) -> bytes:
+def _value(path: Path, text: str) -> Any:
+    return parse_json(text, str(path), MAX_PACK_VALUES)
+
+
+def _read(path: Path, most: int) -> bytes:
     try:
-        if path.stat().st_size > MAX_PACK_FILE_BYTES:
-            _fail(path, f"is larger than {MAX_PACK_FILE_BYTES:,} bytes")
-        return path.read_bytes()
+        if path.stat().st_size > most:
+            _fail(path, f"the pack is larger than {MAX_PACK_BYTES:,} bytes")
+        return read_bytes(path, most)
     except OSError as error:
         _fail(path, f"cannot be read: {error.strerror or error}")
 

@@ -23,6 +23,8 @@ from robotouille.errors import Fault, FileError, bounded, did_you_mean
 from robotouille.files.reading import MAX_FILE_BYTES, content_kind, read_bytes
 
 MAX_NESTING = 40
+MAX_VALUES = 4_000_000
+"""Largest `weight` of a text. The values then take at most about 250 MB."""
 MANY = 50_000
 """Values of a file from which on only the first fault of each list is reported."""
 
@@ -56,14 +58,21 @@ def read_json(path: Path) -> Any:
     return parse_json(text, str(path))
 
 
-def parse_json(text: str, source: str) -> Any:
+def parse_json(text: str, source: str, most: int = MAX_VALUES) -> Any:
     """Return the JSON value in a text.
 
+    Args:
+        most: Largest `weight` of the text.
+
     Raises:
-        FileError: The text is not JSON, or has duplicate names, NaN or deep nesting.
+        FileError: The text is not JSON, or has duplicate names, NaN, deep nesting or too many
+            values.
     """
-    if not text.strip():
+    if not text or text.isspace():
         _fail(source, "the file is empty; expected a JSON object")
+    # Decoded values take up to 25 times the memory of their text.
+    if len(text) > most and (found := weight(text)) > most:
+        _fail(source, f"has up to {found:,} values; at most {most:,} are read")
     _check_nesting(text, source)
     try:
         value = json.loads(text, object_pairs_hook=_unique_pairs, parse_constant=_no_constant)
@@ -73,6 +82,14 @@ def parse_json(text: str, source: str) -> Any:
         _fail(source, f"is not JSON: {error}")
     _check_text(text, value, source)
     return value
+
+
+def weight(text: str) -> int:
+    """Return an upper bound of the values of a JSON text, in units of about 50 bytes of memory.
+
+    An array counts as two values, an object as four.
+    """
+    return text.count(",") + 2 * text.count("[") + 4 * text.count("{")
 
 
 def _check_text(text: str, value: Any, source: str | Path) -> None:

@@ -77,6 +77,9 @@ def test_rewriting_a_card_refuses_other_folders_and_licences(tmp_path: Path, wri
     path.write_text("[]")
     with pytest.raises(CatalogueError, match="not an export"):
         rewrite_card(folder, {})
+    path.write_text(f"[{'[],' * 3_000_000}[]]")
+    with pytest.raises(CatalogueError, match="cannot be read"):
+        rewrite_card(folder, {})
 
 
 def test_query_cannot_break_a_line_of_the_card(write: Write) -> None:

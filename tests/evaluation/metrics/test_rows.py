@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,29 @@ def test_damaged_line_is_an_error(tmp_path: Path) -> None:
         read_rows(written(tmp_path, good + "{}\n" + good))
     with pytest.raises(FileError, match="cannot be read"):
         read_rows(tmp_path / "none.jsonl")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("\n" * 100_001, "more than 100,000 lines"),
+        (f"{' ' * 1_000}{',' * 1_000_000}\n", "line 1: "),
+        (" " * 1_100_000, "line 1: is longer than 1,048,576 bytes"),
+    ],
+)
+def test_endless_rows_are_refused(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(FileError, match=words):
+        read_rows(written(tmp_path, text))
+
+
+def test_rows_are_read_one_by_one(tmp_path: Path) -> None:
+    path = written(tmp_path, "".join(write_rows([row(job="a")] * 2_000)) + "\n" * 90_000)
+    tracemalloc.start()
+    try:
+        assert len(read_rows(path)) == 1
+        assert tracemalloc.get_traced_memory()[1] < path.stat().st_size / 2
+    finally:
+        tracemalloc.stop()
 
 
 def test_last_row_of_a_repeated_job_counts(tmp_path: Path) -> None:

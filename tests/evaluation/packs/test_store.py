@@ -129,6 +129,7 @@ def test_folder_without_pack_is_an_error(folder: Path, tmp_path: Path) -> None:
         ({"files": {"../secret": "0"}}, "files: expected file names with their hashes"),
         ({"files": {"/etc/passwd": "0"}}, "files: expected file names with their hashes"),
         ({"files": {"./tasks.json": "0"}}, "files: expected file names with their hashes"),
+        ({"files": {"more.json": "0"}}, "files: expected file names with their hashes"),
         ({"files": {}}, "invalid pack"),
         ({"digest": 1}, "digest: expected a text, found 1"),
         ({"digest": "0" * 64}, "digest: expected"),
@@ -139,6 +140,23 @@ def test_invalid_manifest_is_an_error(folder: Path, change: dict[str, Any], word
     path = folder / "manifest.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
     with pytest.raises(FileError, match=re.escape(words)):
+        read_pack(folder)
+
+
+def replace_lists(folder: Path, content: bytes) -> None:
+    manifest = json.loads((folder / "manifest.json").read_text())
+    for name in ("tasks.json", "instances.json", "prompts.json"):
+        (folder / name).write_bytes(content)
+        manifest["files"][name] = sha256(content).hexdigest()
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+
+
+def test_files_of_a_pack_are_bounded_together(folder: Path) -> None:
+    replace_lists(folder, b"[" + b"[]," * 1_500_000 + b"[]]")
+    with pytest.raises(FileError, match="values; at most 12,000,000"):
+        read_pack(folder)
+    replace_lists(folder, b"[" + b" " * 40_000_000 + b"]")
+    with pytest.raises(FileError, match="the pack is larger than 100,663,296 bytes"):
         read_pack(folder)
 
 
