@@ -73,7 +73,7 @@ def test_documented_commands_run_on_a_checkout(
             assert result.exit_code == 0, result.output
             received += result.stderr
     assert "asynchronous/3.1_lettuce_cheeseburger\n" in received
-    assert "10 of 10 episodes measured" in received
+    assert "10 of 10 episodes newly measured" in received
     for run, agents in (("published", 1), ("baselines", 2)):
         rows = RunFolder(tmp_path / "runs" / run).rows()
         assert {row.task for row in rows} == {"asynchronous/0_cheese_chicken_sandwich"}
