@@ -153,6 +153,12 @@ class Wire:
     def give_way(self) -> None:
         """Do nothing: at most one message arrives in each turn of the event loop."""
 
+    def share_turns(self, group: str | None) -> None:
+        """Do nothing, for the same reason."""
+
+    def accept_long_messages(self) -> None:
+        """Do nothing: all messages are short."""
+
     def abort(self) -> None:
         raise AssertionError("the server drops the connection")
 

@@ -18,6 +18,7 @@ from robotouille.replay.recording import read_recording
 from robotouille_client import Client, Game, GameEnded, connect
 from robotouille_client.bots import play
 from robotouille_client.bots.kinds import BotKind, policy_maker
+from robotouille_server.auth.visitors import PROBATION_FACTOR
 from tests.operations.proxies import PROXIES, Front, Proxy, front_door, mint, program
 from tests.support.lost_connections import cut
 from tests.support.processes import process
@@ -96,16 +97,16 @@ async def seats(clients: list[Client], task: str, **rules: Any) -> list[Game]:
 def test_connections_are_counted_per_client_address(proxy: Proxy, tmp_path: Path) -> None:
     async def knocks(front: Front) -> None:
         async with AsyncExitStack() as stack:
-            first, _, other, _ = [
+            first, other, *_ = [
                 await stack.enter_async_context(await front.knock(source))
-                for source in ("127.0.0.2", "127.0.0.2", "127.0.0.3", "127.0.0.2")
+                for source in ("127.0.0.2", "127.0.0.3", *["127.0.0.2"] * PROBATION_FACTOR)
             ]
             assert json.loads(await first.recv())["code"] == "rate/connections"
             with pytest.raises(TimeoutError):
                 async with asyncio.timeout(0.1):
                     await other.recv()
 
-    with served(proxy, tmp_path, "--max-connections-per-address", "2") as (front, _):
+    with served(proxy, tmp_path, "--max-connections-per-address", "1") as (front, _):
         asyncio.run(knocks(front))
 
 
