@@ -17,7 +17,7 @@ from robotouille_server.auth import (
     Role,
     RoleGrant,
 )
-from robotouille_server.health import MIB, Alert, Health, alerts
+from robotouille_server.health import Alert, Health, alerts
 from robotouille_server.listener import CannotListenError, Connections, HttpPages, Listener
 from robotouille_server.requests import Services, Shutdown, ShutdownNotice
 from robotouille_server.rooms.lobby import Lobby
@@ -62,7 +62,7 @@ class Server:
             settings.state_folder / self.worker.file_name("audit.log"), around.wall
         )
         folder = self.storage.path if isinstance(self.storage, Folder) else None
-        reserve = settings.min_free_space * MIB if around.cluster is None else 0
+        reserve = settings.reserved_bytes if around.cluster is None else 0
         self.health = Health(self.metrics, folder, reserve=reserve)
         credentials = Credentials.load(settings, around.wall)
         self.tokens = credentials.tokens

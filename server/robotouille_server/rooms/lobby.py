@@ -43,7 +43,6 @@ MAX_LISTED = 500
 """Episodes in one answer to `list`."""
 MAX_ENDED = 256
 """Ended episodes whose rooms are kept, apart from those in which participants are connected."""
-MIB = 1024 * 1024
 INSPECTION_SECONDS = 5.0
 """Seconds between two inspections of all open recordings."""
 NOBODY = Asker(frozenset())
@@ -199,7 +198,7 @@ class Lobby:
 
     def _check_space(self) -> None:
         """Leave the last space on the disk to the episodes that run already."""
-        least = self._settings.min_free_space * MIB
+        least = self._settings.reserved_bytes
         if self._storage is None or not least:
             return
         try:

@@ -369,6 +369,11 @@ class ServerSettings(BaseSettings):
         return self.state or self.recordings.with_name(f"{self.recordings.name}.state")
 
     @property
+    def reserved_bytes(self) -> int:
+        """Bytes on the recordings' disk that are left to running episodes."""
+        return self.min_free_space * 1024 * 1024
+
+    @property
     def is_local(self) -> bool:
         """True if the server listens on a loopback address only."""
         return self.host in ("127.0.0.1", "localhost", "::1")
