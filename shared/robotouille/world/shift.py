@@ -182,10 +182,10 @@ class ShiftRules:
         things = self.returns.things_at(surface, facts)
         if not things:
             return Fulfilment(facts, timers, orders)
-        alone = facts & ~self.returns.others_mask(things)
+        alone = self.returns.facts_about(things, facts)
         # Of two orders for one dish, the dish goes to the one that expires first.
         for order in orders.by_urgency:
-            if self._is_dish(order.number, things, alone):
+            if self._is_dish(self.dish_name(order.number), things, alone):
                 facts, timers = self.returns.put_back(things, facts, timers, soiled=True)
                 left = tuple(each for each in orders.open if each != order)
                 score = orders.score + self.worth(order, orders.time)
@@ -193,9 +193,17 @@ class ShiftRules:
                 break
         return Fulfilment(facts, timers, orders)
 
-    def _is_dish(self, number: int, things: frozenset[str], facts: int) -> bool:
-        """Return whether the things are the dish of an order, and nothing else."""
-        name = self.dish_name(number)
+    def things_on(self, station: str, facts: int) -> frozenset[str]:
+        """Return all things on a station that serves."""
+        return self.returns.things_at(self.serving[station], facts)
+
+    def dish_of(self, things: frozenset[str], facts: int) -> str:
+        """Return the dish of the menu that the things are; empty if they are none."""
+        alone = self.returns.facts_about(things, facts)
+        return next((name for name in self.menu if self._is_dish(name, things, alone)), "")
+
+    def _is_dish(self, name: str, things: frozenset[str], facts: int) -> bool:
+        """Return whether the things are a dish, and nothing else."""
         goal = self._goals[name]
         # Without this test, the search would go through all choices of parts from a large pile.
         if len(things) != self.parts[name]:
@@ -366,12 +374,11 @@ class Return:
         for bit in bits_of(facts & self._table.mentions(name)):
             yield from self.movable.intersection(atoms[bit][1:])
 
-    def others_mask(self, things: Iterable[str]) -> int:
-        """Return the mask of all facts about other things that can move."""
-        mask = 0
+    def facts_about(self, things: Iterable[str], facts: int) -> int:
+        """Return the facts without those about other things that can move."""
         for name in self.movable.difference(things):
-            mask |= self._table.mentions(name)
-        return mask
+            facts &= ~self._table.mentions(name)
+        return facts
 
     # Putting back
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.places import capitalised
+from robotouille.world.presentation.unserved import unserved
 from robotouille.world.world import State
 from robotouille_client.window.drawing.window_layout import KeyRows
 from robotouille_client.window.input.commands import Command, key_words
@@ -13,6 +14,7 @@ from robotouille_client.window.input.input_controller import (
     InputController,
     hint_words,
 )
+from robotouille_client.window.sources.texts import unserved_words
 from robotouille_client.window.view import LobbyView, View
 
 _Asked = tuple[State, str | None, str | None, LobbyView | None, tuple[bool, bool, bool, bool]]
@@ -157,9 +159,16 @@ class PlayHints:
 
 
 def tips_about(controls: Controls, view: View, hover: str | None) -> tuple[str, ...]:
-    """Return what a click on an object does, or what the object is and why it does nothing."""
+    """Return what a click on an object does, and why a dish there is not served."""
     if hover is None:
         return ()
+    waiting = unserved(view.state, controls.wording(view.me))
+    why = (unserved_words(dish) for dish in waiting if dish.station == hover)
+    return (*_click_tips(controls, view, hover), *why)
+
+
+def _click_tips(controls: Controls, view: View, hover: str) -> tuple[str, ...]:
+    """Return what a click on an object does, or what the object is and why it does nothing."""
     title = capitalised(controls.wording(view.me).thing(hover, view.state))
     if view.me is None or view.state.busy_steps(view.me):  # The player's own card says "busy".
         return (title,)

@@ -15,13 +15,14 @@ from robotouille.planning.policies.team_talk import (
 )
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.signals import Intent, Signal, named, signal_fault, signal_text
+from robotouille.world.presentation.unserved import unserved
 from robotouille.world.presentation.wording import Wording
 from robotouille.world.presentation.work import Occupancy
 from robotouille.world.scene import Placed, scene
 from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille.world.world import State
 from robotouille_client.sansio.game_events import ChatReceived
-from robotouille_client.window.sources.texts import signal_words, speaker
+from robotouille_client.window.sources.texts import signal_words, speaker, unserved_words
 from robotouille_client.window.view import NEWS, Bubble
 
 BLOCKED_SECONDS = 30.0
@@ -239,14 +240,15 @@ class ChatLog:
     def announced(self, text: str) -> None:
         """Add an operator's announcement, and show it as a notice."""
         self._lines.append(("", text, 1))
-        self._notify(text)
+        self.notify(text)
 
     def add_game_event(self, text: str) -> None:
         """Add a game event, and show it as a notice."""
         self._lines.append((NEWS, text, 1))
-        self._notify(text)
+        self.notify(text)
 
-    def _notify(self, text: str) -> None:
+    def notify(self, text: str) -> None:
+        """Show a notice that is not a line of the chat."""
         self._notice = text
         # Long announcements stay longer, so that everyone has time to read them.
         self._notice_until = self._now() + NOTICE_SECONDS + READING_SECONDS * len(text)
@@ -293,6 +295,15 @@ class Feedback:
         text = partial(wording.rejection, sentence, player, unmet, state)
         self.chat_log.rejected(player, unmet, text)
         self.blockages.refused(player, unmet, state)
+
+    def show_unserved(self, before: State | None, state: State, wording: Wording) -> None:
+        """Show why a dish that looks ready since a step is not served."""
+        if before is None or state.orders is None:
+            return
+        known = {(each.station, each.things) for each in unserved(before, wording)}
+        for each in unserved(state, wording):
+            if (each.station, each.things) not in known:
+                self.chat_log.notify(unserved_words(each))
 
     def show_speech(
         self, said: ChatPosted | ChatReceived, player: str, state: State, wording: Wording

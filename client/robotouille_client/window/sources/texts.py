@@ -13,6 +13,7 @@ from robotouille.episode import Reason
 from robotouille.errors import RobotouilleError
 from robotouille.world.presentation.places import capitalised
 from robotouille.world.presentation.signals import Intent
+from robotouille.world.presentation.unserved import Unserved
 from robotouille_client.window.view import FarewellView
 
 if TYPE_CHECKING:
@@ -148,6 +149,19 @@ def orders_words(outcome: Mapping[str, object]) -> str:
     score = score if isinstance(score, Mapping) else {}
     served, lost = score.get("served", 0), score.get("expired", 0)
     return f"{served} order{'s' * (served != 1)} served" + (f", {lost} lost" if lost else "")
+
+
+def unserved_words(found: Unserved) -> str:
+    """Return why a dish is not served, and what to do."""
+    if not found.fault:
+        return (
+            f"Nobody has ordered this now: {found.dish}. Leave it for the next order, or take it"
+            " apart to make room."
+        )
+    return (
+        f"Not served, because it does not fit the order ({found.dish}): {found.fault}. Take it"
+        " apart to change it."
+    )
 
 
 def points_of(outcome: Mapping[str, object] | None) -> int | None:
