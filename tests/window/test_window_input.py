@@ -29,9 +29,15 @@ from robotouille.domain.schema import InputFile
 from robotouille.world.presentation.signals import Intent, Signal
 from robotouille.world.presentation.work import work_in_progress
 from robotouille.world.scene import scene
+from robotouille_client.window.drawing.window_layout import ActionMark
 from robotouille_client.window.input.commands import DIRECTIONS, Command, KeyMap
 from robotouille_client.window.input.controls import Controls, possible, towards
-from robotouille_client.window.input.input_controller import GUARD_SECONDS, UNREACHED
+from robotouille_client.window.input.input_controller import (
+    GUARD_SECONDS,
+    PATIENCE_SECONDS,
+    STILL_OCCUPIED,
+    UNREACHED,
+)
 from robotouille_client.window.pictures.appearance import KitchenLook
 from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.view import Bubble, LobbyView
@@ -462,12 +468,35 @@ def test_a_walk_to_an_occupied_station_is_retried(blocked: Table, goes: bool) ->
     if goes:
         make_way(blocked)
     else:
-        blocked.timer.now += 5.0
+        blocked.timer.now += PATIENCE_SECONDS + 1.0
     for _ in range(2):
         blocked.window.frame(blocked.source)
     assert [goes_to(action) for action in blocked.source.acted] == [taken] * (1 + goes)
     blocked.step()
     assert not blocked.overlay().queued
+
+
+def test_a_walk_waits_for_another_player_to_finish_visibly(blocked: Table) -> None:
+    taken = goes_to(blocked.source.acted[0]) or ""
+    # As long as somebody takes to cut something and to leave.
+    for _ in range(50):
+        blocked.timer.now += 0.1
+        blocked.window.frame(blocked.source)
+    assert blocked.overlay().marks == (ActionMark(taken, "asked"),)
+    (label,) = blocked.overlay().queued
+    assert label.endswith("(occupied)")
+    make_way(blocked)
+    blocked.window.frame(blocked.source)
+    blocked.step()
+    assert blocked.here() == taken
+
+
+def test_a_walk_that_gives_up_says_so(blocked: Table) -> None:
+    blocked.timer.now += PATIENCE_SECONDS + 0.1
+    blocked.window.frame(blocked.source)
+    assert blocked.overlay().prompt == STILL_OCCUPIED
+    assert blocked.overlay().queued == ()
+    assert blocked.overlay().marks == ()
 
 
 def test_escape_forgets_a_rejected_walk(blocked: Table) -> None:
@@ -526,7 +555,7 @@ def test_actions_queued_after_a_retried_walk_run_there(blocked: Table, early: bo
 
 def test_actions_queued_after_a_walk_are_dropped_with_it(blocked: Table) -> None:
     blocked.press(pygame.K_e)
-    blocked.timer.now += 5.0
+    blocked.timer.now += PATIENCE_SECONDS + 1.0
     for _ in range(3):
         blocked.window.frame(blocked.source)
     assert len(blocked.source.acted) == 1

@@ -64,11 +64,8 @@ class CompanionInput:
 
     def mark(self, view: View) -> ActionMark | None:
         """Return the mark of the companion's last action."""
-        sent = self._controller.queue.sent
-        if view.companion is None or sent is None:
-            return None
-        station = self._controller.target(view.state, view.companion)
-        return ActionMark(station, sent.fate) if station else None
+        companion = view.companion
+        return None if companion is None else self._controller.mark(view.state, companion)
 
     def hints(self, controls: Controls, view: View) -> KeyRows:
         """Return what the companion's key does now."""

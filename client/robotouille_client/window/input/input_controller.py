@@ -13,6 +13,7 @@ from robotouille.world.presentation.work import Occupancy
 from robotouille.world.scene import scene
 from robotouille.world.unmet import Unmet
 from robotouille.world.world import State
+from robotouille_client.window.drawing.window_layout import ActionMark
 from robotouille_client.window.input.commands import DIRECTIONS, Command, KeyMap, key_words
 from robotouille_client.window.input.controls import (
     EARLY,
@@ -151,12 +152,14 @@ class InputController:
 
     # Hints
 
-    def target(self, state: State, me: str) -> str | None:
-        """Return the station of the last action, while its result is marked."""
-        sent = self.queue.sent
-        if sent is None:
-            return None
-        return sent.action.destination or scene(state)[me].at
+    def mark(self, state: State, me: str) -> ActionMark | None:
+        """Return the mark of the last action, or of the station that the player waits for."""
+        sent = self.queue.sent  # Read once: it becomes None as time passes.
+        if sent is not None:
+            station = sent.action.destination or scene(state)[me].at
+            return ActionMark(station, sent.fate) if station else None
+        awaited = self.queue.awaited
+        return ActionMark(awaited, "asked") if awaited else None
 
     def hints(self, controls: Controls, state: State, me: str) -> tuple[tuple[str, str], ...]:
         """Return rows of (key, what it does now), the most useful first.
@@ -237,10 +240,17 @@ SHOWN_SECONDS = 0.5
 GUARD_SECONDS = 1.0
 """Time after an action in which the use key does not take up or put down the same thing."""
 GUARDED = "done; to move it again, wait a second or click"
-PATIENCE_SECONDS = 2.0
-"""Time for which a walk to an occupied station is retried."""
+PATIENCE_SECONDS = 6.0
+"""Time for which a walk to an occupied station is retried.
+
+Cutting takes about three seconds, after which most players leave.
+"""
+LATE_SECONDS = 2.0
+"""Time after which a walk that has not begun counts as rejected."""
 UNREACHED = "You didn't get there, so nothing was done"
 """Notice for an action that was meant for the end of a walk that failed."""
+STILL_OCCUPIED = "It is still occupied, so you stopped waiting for it"
+"""Notice for a walk to a station that did not become free in time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,6 +277,11 @@ class _Retry:
     label: str
     action: GroundAction
     until: float
+
+    @property
+    def words(self) -> str:
+        """Label in the list of waiting actions."""
+        return f"{self.label} (occupied)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -295,7 +310,7 @@ class ActionQueue:
     @property
     def labels(self) -> tuple[str, ...]:
         """Labels of the waiting actions, the next one first."""
-        first = () if self._retry is None else (self._retry.label,)
+        first = () if self._retry is None else (self._retry.words,)
         return (*first, *(intent.label for intent in self._waiting))
 
     @property
@@ -305,6 +320,11 @@ class ActionQueue:
         if sent is None or (sent.fate != "asked" and self._clock() - sent.time > SHOWN_SECONDS):
             return None
         return sent
+
+    @property
+    def awaited(self) -> str | None:
+        """Station that the player walks to as soon as another player leaves it."""
+        return None if self._retry is None else self._retry.action.destination
 
     @property
     def just_used(self) -> frozenset[str]:
@@ -398,12 +418,16 @@ class ActionQueue:
         """True for a moment after a walk has failed."""
         return self._failed_at is not None and self._clock() - self._failed_at < GUARD_SECONDS
 
-    def _fail(self, action: GroundAction) -> None:
-        """Drop what was meant to follow an action that was rejected for good."""
+    def _fail(self, action: GroundAction, notice: str = "") -> None:
+        """Drop what was meant to follow an action that was rejected for good.
+
+        Args:
+            notice: Notice if nothing was meant to follow it.
+        """
         if action.destination is not None:
             self._failed_at = self._clock()
-            if any(intent.follows for intent in self._waiting):
-                self._untold = UNREACHED
+            followed = any(intent.follows for intent in self._waiting)
+            self._untold = UNREACHED if followed else notice
         self._forget()
 
     def _do(self, intent: Intent, source: GameSource, view: View) -> str:
@@ -423,7 +447,7 @@ class ActionQueue:
     def _try_again(self, retry: _Retry, source: GameSource, view: View) -> None:
         """Retry the walk if the station is free; give up when the time has passed."""
         if self._clock() > retry.until:
-            self._fail(retry.action)
+            self._fail(retry.action, STILL_OCCUPIED)
         elif view.me is not None and retry.action in view.state.actions(view.me):
             self._send(retry.action, source, view)
 
@@ -466,7 +490,7 @@ class ActionQueue:
         # Another player may have taken the station in the same step, which is not reported. On a
         # server, a later step may apply the walk.
         taken = _is_in_the_way(view.world.unmet(view.state, sent.action), view)
-        late = self._clock() - sent.time > PATIENCE_SECONDS
+        late = self._clock() - sent.time > LATE_SECONDS
         return "rejected" if taken or late else "asked"
 
 

@@ -356,11 +356,7 @@ class PlayInput:
         if self.controller.choices:
             there = self.controller.choices[self.controller.chosen].destination
             return ActionMark(there, "asked") if there else None
-        sent = self.controller.queue.sent  # Read once: it becomes None as time passes.
-        if view.me is None or sent is None:
-            return None
-        station = self.controller.target(view.state, view.me)
-        return ActionMark(station, sent.fate) if station else None
+        return None if view.me is None else self.controller.mark(view.state, view.me)
 
 
 def _name(event: pygame.Event) -> str:
