@@ -138,6 +138,8 @@ async def test_an_easy_pace_is_offered_after_a_lost_first_game(
     setup = GameSetup("synchronous/01", max_steps=3, countdown=0.0)
 
     def script() -> Iterator[None]:
+        yield from wait(2)
+        yield from session.choose("Start")
         yield from wait(150)
         assert (session.labels[0] == "Play again at an easy pace") is not won_before
         if not won_before:
@@ -198,6 +200,7 @@ async def test_choose_a_task_and_continue_with_the_next(session: WindowSession) 
         yield from session.choose("Start")
         assert session.window is not None
         assert session.app.settings.task != task
+        yield from session.choose("Start")
         post(pygame.K_ESCAPE)
         yield from wait(2)
         yield from session.choose("Quit")
@@ -346,6 +349,7 @@ async def test_open_a_kitchen_wait_and_leave(session: WindowSession) -> None:
         while session.window is None:
             yield
         yield from wait(5)
+        yield from session.choose("Continue")
         post(pygame.K_ESCAPE)
         yield from wait(2)
         yield from session.choose("Leave")
@@ -504,4 +508,36 @@ async def test_a_card_explains_a_shift_before_its_clock_starts(session: WindowSe
         assert "Orders" in [key for key, _ in rows]
 
     await asyncio.wait_for(session.go(script, setup), 60)
+
+
+@pytest.mark.parametrize(
+    ("setup", "stars"),
+    [
+        (
+            GameSetup("shifts/01_sandwich_bar", seats=1, max_steps=3, countdown=0.0),
+            "One star takes 87 points, two take 175, three take 264.",
+        ),
+        (
+            GameSetup("synchronous/01", max_steps=3, countdown=0.0),
+            "Three stars take at most 72 steps (14 s), two take 89 steps (18 s)."
+            " Any finished game earns one.",
+        ),
+    ],
+)
+async def test_each_game_against_time_begins_with_what_the_stars_take(
+    session: WindowSession, setup: GameSetup, stars: str
+) -> None:
+    played: list[int] = []
+
+    def script() -> Iterator[None]:
+        for _ in range(2):
+            yield from wait(60)
+            assert stars in [row.label for row in session.form.rows]
+            played.append(session.source.view().step)
+            yield from session.choose("Start")
+            yield from wait(150)
+            yield from session.choose("Play again")
+
+    await asyncio.wait_for(session.go(script, setup), 60)
+    assert played == [0, 0]
     assert session.user.ended

@@ -357,6 +357,22 @@ def test_stars_of_a_shift_depend_on_points(points: int, stars: int, words: str) 
     assert form.title == ("Well done!" if stars else "Shift over")
 
 
+@pytest.mark.parametrize(
+    ("timing", "words"),
+    [
+        ("benchmark", "Best known: 314 points. No more than 379 points are possible."),
+        ("people", "No more than 379 points are possible."),
+    ],
+)
+def test_the_card_after_a_shift_has_the_best_result(timing: str, words: str) -> None:
+    world = World(load_task("shifts/01_sandwich_bar", seats=1, timing=timing))
+    seats = (SeatView("robot1", "ada", "human", True),)
+    view = View(world, world.initial, won=True, me="robot1", seats=seats)
+    score = {"points": 100, "served": 3, "expired": 0}
+    form = end_card(view, {"reason": "shift_over", "steps": 180, "score": score}, BUTTONS)
+    assert words in [row.label for row in form.rows]
+
+
 @pytest.mark.parametrize(("acted", "stars"), [(0, 0), (1, 3)])
 def test_a_player_who_did_nothing_earns_no_stars(acted: int, stars: int) -> None:
     world = World(load_task("multi_agent/07", seats=3, timing="people"))

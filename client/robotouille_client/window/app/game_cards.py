@@ -9,9 +9,10 @@ from typing import Any
 import pygame
 
 from robotouille.certification.certificate import load_certificate
-from robotouille.certification.stars import score_limits, star_limits
+from robotouille.certification.stars import StarLimits, score_limits, star_limits
 from robotouille.certification.step_limit import retimed_length
 from robotouille.domain.loading import load_task
+from robotouille.domain.schema import Shift
 from robotouille.domain.task import Task, Timing
 from robotouille.errors import RobotouilleError
 from robotouille_client.window.forms.form import Form, FormLayout
@@ -208,12 +209,7 @@ def rate_game(
             return Rating(0, IDLE, points)
         stars = scores.stars(points)
         return Rating(stars, f"{_stars_take(stars)} {scores[min(stars, 2)]} points.", points)
-    shipped = shipped_task(task) if won(outcome) else None
-    limits = (
-        None
-        if shipped is None
-        else star_limits(shipped, 1 / step_seconds if step_seconds else None)
-    )
+    limits = limits_of_game(task, step_seconds) if won(outcome) else None
     if limits is None:
         return None
     if only_watched(outcome, people):
@@ -221,6 +217,13 @@ def rate_game(
     stars = limits.stars(int(outcome.get("steps", 0)))
     most = limits.two if stars == 1 else limits.three
     return Rating(stars, f"{_stars_take(stars)} at most {most} steps.")
+
+
+def limits_of_game(task: Task, step_seconds: float | None) -> StarLimits | None:
+    """Return the steps for the stars of a game with a goal; None without a known plan."""
+    shipped = shipped_task(task)
+    rate = 1 / step_seconds if step_seconds else None
+    return None if shipped is None else star_limits(shipped, rate)
 
 
 def _stars_take(earned: int) -> str:
@@ -244,12 +247,14 @@ def shipped_task(task: Task) -> Task | None:
 
 
 def best_words(task: Task) -> str:
-    """Return the length of the shortest known plan in words; empty if none is known.
+    """Return the best known or possible result of a task in words; empty if none is known.
 
-    In the `benchmark` timing that plan may be proven to be the shortest. In the `people` timing,
+    In the `benchmark` timing a known plan may be proven to be the shortest. In the `people` timing,
     where walks and work take longer, it is only a good one. Tasks from a server have no certificate
     file, so the shipped task of the same name is used if its content is the same.
     """
+    if task.problem.shift is not None:
+        return _most_words(task, task.problem.shift)
     shipped = shipped_task(task)
     length = None if shipped is None else retimed_length(shipped)
     if length is None:
@@ -261,6 +266,17 @@ def best_words(task: Task) -> str:
     if task.timing is Timing.BENCHMARK and certificate.optimal:
         return f"Best possible: {length} steps."
     return f"Best known: {length} steps."
+
+
+def _most_words(task: Task, shift: Shift) -> str:
+    """Return the points of planner bots in a shift, and those that nobody can exceed, in words."""
+    bound = shift.bound(task.profile.delay_factor)
+    most = "" if bound is None else f"No more than {bound} points are possible."
+    known = shift.planner.get(task.seats)
+    # Bots earn other points in the `people` timing, where walks are short compared with work.
+    if known is None or task.timing is not Timing.BENCHMARK:
+        return most
+    return f"Best known: {known} points. {most}".strip()
 
 
 REVIEW_BUTTONS = (("Watch the replay", MenuChoice.WATCH), ("Save a video", MenuChoice.VIDEO))
@@ -278,7 +294,7 @@ class GameCards:
         menu: True if there is a menu. Without it, leaving the game closes the window.
         message: Function that returns a new message for the card, or "".
         ended: Function called when the game has ended, before its card is shown.
-        start: Function that returns the card before the game; None to show none. The card also
+        start: Function that returns the card before the game, or None to show none. The card also
             comes before the question whether the player is ready.
     """
 
@@ -291,7 +307,7 @@ class GameCards:
         menu: bool = True,
         message: Callable[[], str] = lambda: "",
         ended: Callable[[], None] = lambda: None,
-        start: Callable[[View], Form] | None = None,
+        start: Callable[[View], Form | None] = lambda view: None,
     ) -> None:
         self._outcome = outcome
         self._buttons = buttons
@@ -305,13 +321,12 @@ class GameCards:
         self._card: Form | None = None
 
     def start_card(self, view: View) -> Form | None:
-        start, self._start = self._start, None
         # A game on a server that has begun goes on while the player reads.
         goes_on = view.code and (view.lobby is None or view.lobby.ready is not False)
-        if start is None or view.over or goes_on:
-            return None
-        self._pause(True)
-        return start(view)
+        card = None if view.over or goes_on else self._start(view)
+        if card is not None:
+            self._pause(True)
+        return card
 
     def end_card(self, view: View) -> Form:
         self._ended()

@@ -1,13 +1,14 @@
-"""Cards before shifts: what the stations are for, and the points for stars."""
+"""The card before a game: what the stations are for, and what the stars take."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from robotouille.certification.stars import ScoreLimits, score_limits
+from robotouille.certification.stars import ScoreLimits, StarLimits, score_limits
 from robotouille.domain.rendering import Language, language_of
 from robotouille.world.presentation.wording import Wording
 from robotouille.world.world import World
+from robotouille_client.window.app.game_cards import limits_of_game
 from robotouille_client.window.forms.form import Form, FormLayout
 from robotouille_client.window.forms.rows import MenuChoice
 from robotouille_client.window.forms.widgets import Button, Row, Words
@@ -15,37 +16,49 @@ from robotouille_client.window.sources.texts import dish_title
 from robotouille_client.window.view import View
 
 
-class Introductions:
-    """The cards before shifts. The player sees each card once."""
-
-    def __init__(self) -> None:
-        self._seen: set[str] = set()
-
-    def to(
-        self, world: World, words: Language, button: str = "Start"
-    ) -> Callable[[View], Form] | None:
-        """Return what makes the card of a game; None without a shift, and if it has been seen."""
-        task = world.task
-        if world.shift is None or task.name in self._seen:
-            return None
-        self._seen.add(task.name)
-        wording = Wording(world, language_of(task).with_words(words))
-        return lambda view: shift_card(view, wording, button)
+def introduction(
+    world: World, words: Language, button: str = "Start"
+) -> Callable[[View], Form | None]:
+    """Return what makes the card of a game from its first view."""
+    wording = Wording(world, language_of(world.task).with_words(words))
+    return lambda view: start_card(view, wording, button)
 
 
-def shift_card(view: View, wording: Wording, button: str) -> Form:
-    """Return the card before a shift. A button closes it."""
-    task = view.world.task
+def start_card(view: View, wording: Wording, button: str) -> Form | None:
+    """Return the card before a shift or a game in real time, which a button closes.
+
+    Return None before other games, which have no time to lose, and without anything to say.
+    """
+    task, stars = view.world.task, star_words(view)
+    shift = view.world.shift is not None
+    if not (shift or stars):
+        return None
     rows: list[Row] = [Words(task.goal_description)] if task.goal_description else []
-    rows += [Words(f"{kind.capitalize()}: {use}.") for kind, use in wording.purposes()]
-    limits = score_limits(task.problem, len(view.seats))
-    if limits is not None:
-        rows.append(Words(star_words(limits)))
+    if shift:
+        rows += [Words(f"{kind.capitalize()}: {use}.") for kind, use in wording.purposes()]
+    if stars:
+        rows.append(Words(stars))
     rows.append(Button(button, MenuChoice.STAY))
     title = dish_title(task.name, task.goal_description)
     return Form(title, rows, cancel=MenuChoice.STAY, layout=FormLayout(shrinks=True))
 
 
-def star_words(limits: ScoreLimits) -> str:
-    """Return the points of a shift for one, two and three stars in words."""
+def star_words(view: View) -> str:
+    """Return what the stars of a shift or of a game in real time take; empty if unknown."""
+    task, seconds = view.world.task, view.step_seconds
+    scores = score_limits(task.problem, len(view.seats))
+    if scores is not None:
+        return _points_words(scores)
+    limits = None if seconds is None else limits_of_game(task, seconds)
+    return "" if limits is None or seconds is None else _steps_words(limits, seconds)
+
+
+def _points_words(limits: ScoreLimits) -> str:
     return f"One star takes {limits.one} points, two take {limits.two}, three take {limits.three}."
+
+
+def _steps_words(limits: StarLimits, step_seconds: float) -> str:
+    three, two = (
+        f"{steps} steps ({round(steps * step_seconds)} s)" for steps in (limits.three, limits.two)
+    )
+    return f"Three stars take at most {three}, two take {two}. Any finished game earns one."

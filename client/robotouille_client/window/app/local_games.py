@@ -26,6 +26,7 @@ from robotouille_client.window.app.game_cards import (
     GameCards,
     rate_game,
 )
+from robotouille_client.window.app.introductions import introduction
 from robotouille_client.window.app.level_map import ALL_TASKS, SHIFTS, LevelMap
 from robotouille_client.window.app.local_game import GameSetup, LocalGame
 from robotouille_client.window.app.play_menu import PlayMenu
@@ -301,7 +302,7 @@ class LocalGames:
             buttons,
             source.pause,
             ended=partial(self._note_best, game),
-            start=self._ui.introductions.to(game.world, self._ui.words),
+            start=introduction(game.world, self._ui.words),
         )
         show = partial(self._ui.show, source, cards, caption=task_title(setup.task))
         try:

@@ -20,6 +20,7 @@ from robotouille_client.console.kept_seat import kept_seat, state_folder
 from robotouille_client.game import Game
 from robotouille_client.window.app.bot_crew import CrewOptions, bot_crew
 from robotouille_client.window.app.game_cards import LEAVE_BUTTONS, REVIEW_BUTTONS, GameCards
+from robotouille_client.window.app.introductions import introduction
 from robotouille_client.window.app.remote_game import RemoteGame, remote_game, views_of
 from robotouille_client.window.app.replays import Replays
 from robotouille_client.window.app.results import note_result
@@ -190,7 +191,7 @@ class RemoteGames:
             menu=self._menu,
             message=lambda: self._message(game),
             ended=partial(self._finish, game),
-            start=self._ui.introductions.to(game.world, self._ui.words, "Continue"),
+            start=introduction(game.world, self._ui.words, "Continue"),
         )
         caption = f"Robotouille {game.code}"
         self._ui.settings.code = game.code

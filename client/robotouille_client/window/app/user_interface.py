@@ -10,7 +10,6 @@ from typing import TypeVar
 from robotouille.domain.rendering import NO_WORDS, read_language
 from robotouille.errors import FileError, RobotouilleError
 from robotouille.world.lint_renderings import lint_look
-from robotouille_client.window.app.introductions import Introductions
 from robotouille_client.window.app.settings import Settings, SettingsFile
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.window_layout import Strip
@@ -34,7 +33,6 @@ class UserInterface:
     Changed settings are written before anything else is shown, so a killed process loses none.
 
     Attributes:
-        introductions: Cards before shifts, which local games and those on servers share.
         message: Message for the next form.
         look_fault: What is wrong with the chosen look; empty if nothing is.
         words_fault: What is wrong with the player's own words; empty if nothing is.
@@ -56,7 +54,6 @@ class UserInterface:
         self.settings = settings
         self.display = display
         self.time_source = time_source
-        self.introductions = Introductions()
         self.message = ""
         self.file = file
         self._file_fault = ""
