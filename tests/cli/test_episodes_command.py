@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -100,6 +101,14 @@ def test_missing_or_binary_table_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "binary.csv").write_bytes(b"task\n\xff\xfe\n")
     with pytest.raises(TableError, match="not UTF-8"):
         read_requests(tmp_path / "binary.csv")
+
+
+def test_huge_table_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "huge.csv"
+    path.touch()
+    os.truncate(path, 67_108_865)
+    with pytest.raises(FileError, match="longer than 67,108,864 bytes"):
+        read_requests(path)
 
 
 @pytest.mark.parametrize(("text", "expected"), [("90", 90), ("1.5h", 5400), ("30d", 2_592_000)])

@@ -65,6 +65,15 @@ def test_errors_have_one_line(words: list[str], said: str) -> None:
     assert len(result.output.strip().splitlines()) == 1
 
 
+@pytest.mark.parametrize("content", [b"{}", b"\xff", b"\0" * 5_000_000])
+def test_other_files_are_not_replaced(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "01_cheese_sandwich_s42.json"
+    file.write_bytes(content)
+    result = generate(SANDWICH, "--kind", "noisy", "--out", str(tmp_path))
+    assert (result.exit_code, file.read_bytes()) == (1, content)
+    assert "contains another instance" in result.output
+
+
 def test_page_examples_are_right(capsys: pytest.CaptureFixture[str]) -> None:
     (block,) = [b for b in blocks("planners.md", "python") if "Generator(" in b]
     exec(compile(block, "planners.md", "exec"), {})

@@ -256,6 +256,13 @@ def test_invalid_picture_is_reported(bistro: Path) -> None:
         read_task_folder(bistro)
 
 
+def test_huge_picture_is_not_read(bistro: Path) -> None:
+    picture = next((bistro / "bistro").glob("*.png"))
+    os.truncate(picture, 16_777_217)
+    with pytest.raises(TaskFolderError, match=f"{picture.name}: it has more than 16,777,216 bytes"):
+        read_task_folder(bistro)
+
+
 def test_too_many_files_are_refused(bistro: Path) -> None:
     for number in range(2_001):
         os.close(os.open(bistro / f"{number}.txt", os.O_CREAT))

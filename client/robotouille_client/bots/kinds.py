@@ -204,6 +204,7 @@ def _planner_maker(
 
 
 def _scripted(state: State, player: str, plan: Path | None) -> Policy:
+    from robotouille.files.reading import read_text
     from robotouille.planning.plan import read_plan
     from robotouille.planning.policies.policy import Script
     from robotouille.world.world import World
@@ -214,7 +215,7 @@ def _scripted(state: State, player: str, plan: Path | None) -> Policy:
     task = state.world.task
     rehearsal = World(type(task).from_json({**task.to_json(), "timing": "benchmark"}))
     try:
-        text = plan.read_text(encoding="utf-8")
+        text = read_text(plan)
     except (OSError, UnicodeDecodeError) as error:
         raise FileError(str(plan), [Fault("", f"cannot be read: {error}")]) from None
     return Script(player, read_plan(text, rehearsal, str(plan)), rehearsal.initial)

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AsyncExitStack, contextmanager
 from datetime import UTC, datetime, timedelta
+from io import StringIO
 from pathlib import Path
 from typing import IO, Annotated, Any, TypeVar
 
@@ -17,6 +18,7 @@ import typer
 from pydantic import ValidationError
 
 from robotouille.errors import Fault, FileError, ProtocolError, RobotouilleError
+from robotouille.files.reading import read_bytes
 from robotouille.files.writing import check_file, whole_file
 from robotouille.protocol import messages
 from robotouille.replay.file_names import iso_time
@@ -25,6 +27,8 @@ from robotouille_client.client import DEFAULT_URL, Client, connect
 from robotouille_client.console import TokenOption, explain, fail, failing, name_and_value
 
 MAX_ROWS = 10_000
+MAX_BYTES = 64 * 1024 * 1024
+"""Bytes of a table. Tables that `open` writes have a token and a link for each seat."""
 MAX_CLOSES = 366 * 86_400
 UNITS = {"": 1, "s": 1, "m": 60, "h": 3600, "d": 86_400}
 NUMBERS = {
@@ -102,11 +106,11 @@ def closed_codes(path: Path) -> list[str]:
 
 def _read(path: Path, columns: Sequence[str] | None = COLUMNS) -> list[dict[str, str]]:
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.DictReader(file, strict=True)
-            if columns is not None:
-                _check_columns(path, reader.fieldnames or [])
-            return list(_rows(path, reader))
+        text = read_bytes(path, MAX_BYTES).decode("utf-8-sig")
+        reader = csv.DictReader(StringIO(text, newline=""), strict=True)
+        if columns is not None:
+            _check_columns(path, reader.fieldnames or [])
+        return list(_rows(path, reader))
     except OSError as error:
         raise TableError(f"{path}: cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:

@@ -12,6 +12,8 @@ from typing import Annotated, Any
 
 import typer
 
+from robotouille.errors import FileError
+from robotouille.files.reading import read_bytes
 from robotouille.files.writing import check_folder, replace_file
 from robotouille.generation.generator import ATTEMPTS, Generator, seeds_from
 from robotouille.generation.instance import Instance
@@ -145,10 +147,20 @@ def _progress(generator: Generator, seeds: tuple[int, ...], what: str) -> Iterat
 def _write(instance: Instance, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{instance.name}.json"
-    if path.exists() and path.read_text(encoding="utf-8") != instance.text:
+    if _differs(path, instance.text.encode()):
         raise GenerationError("out", f"{path} contains another instance; choose another folder")
     replace_file(path, instance.text)
     return path
+
+
+def _differs(path: Path, content: bytes) -> bool:
+    """Return whether there is a file with another content."""
+    try:
+        return read_bytes(path, len(content)) != content
+    except FileNotFoundError:
+        return False
+    except FileError:
+        return True  # The file is longer.
 
 
 def _row(instance: Instance, path: Path) -> dict[str, Any]:

@@ -17,7 +17,12 @@ from typing import Any
 from robotouille.domain.input_bindings import bindings_of
 from robotouille.domain.json_files import read_json
 from robotouille.domain.loading import PROBLEM_KEYS, load_task, task_names
-from robotouille.domain.pictures import PictureError, picture_digest, plain_picture
+from robotouille.domain.pictures import (
+    PictureError,
+    picture_digest,
+    plain_picture,
+    read_picture,
+)
 from robotouille.domain.rendering import rendering_of
 from robotouille.domain.task import Task, Timing
 from robotouille.errors import FileError, RobotouilleError
@@ -195,7 +200,7 @@ class _Reading:
 
     def _picture(self, path: Path) -> str:
         try:
-            content = plain_picture(path.name, path.read_bytes())
+            content = plain_picture(path.name, read_picture(path))
         except (OSError, PictureError) as error:
             why = error.strerror if isinstance(error, OSError) else error
             raise PictureError(f"{path.parent.name}/{path.name}: {why}") from None

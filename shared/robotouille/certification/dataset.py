@@ -22,6 +22,7 @@ from robotouille.domain.loading import load_task
 from robotouille.domain.schema import Schema
 from robotouille.domain.task import Task
 from robotouille.errors import Fault, FileError, RobotouilleError
+from robotouille.files.reading import read_bytes
 from robotouille.planning.plan import Proof
 
 MANIFEST = "manifest.json"
@@ -65,7 +66,7 @@ class Dataset:
         """
         path = self.folder / instance.certificate
         certificate = read_certificate(path)
-        if path.read_bytes() != json_text(certificate).encode():
+        if read_bytes(path) != json_text(certificate).encode():
             raise FileError(str(path), [Fault("", "is not in the format of certificates")])
         return certificate
 
@@ -133,7 +134,7 @@ def _row(dataset: Dataset, instance: DatasetEntry, certificate: Certificate) -> 
     return DatasetRow(
         file=instance.file,
         seats=instance.seats,
-        file_hash=content_hash((dataset.folder / instance.file).read_bytes()),
+        file_hash=content_hash(read_bytes(dataset.folder / instance.file)),
         instance=certificate.instance,
         certificate=instance.certificate,
         certificate_hash=content_hash(json_text(certificate).encode()),
