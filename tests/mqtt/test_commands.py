@@ -65,7 +65,7 @@ async def test_open_list_and_close(tmp_path: Path) -> None:
 async def test_announce_pause_and_resume(tmp_path: Path) -> None:
     async with serving_with_broker(tmp_path) as (server, broker), table(server) as play:
         lab = Lab(server, broker)
-        assert (await lab.ask("announce", text="one")).ok
+        assert (await lab.ask("announce", text="o\u200bne\u202e")).ok
         assert (await play.wait_for(Announced)).text == "one"
         assert (await lab.ask("announce", text="two", episode=play.episode)).ok
         assert (await play.wait_for(Announced)).text == "two"

@@ -83,7 +83,7 @@ async def test_spectator_can_be_removed(tmp_path: Path) -> None:
 async def test_announcement_reaches_one_episode_or_all(tmp_path: Path) -> None:
     async with viewing(tmp_path) as (server, _, api):
         async with table(server) as here, table(server) as there:
-            await api.do(f"/api/episodes/{here.episode}/announce", text="  only here ")
+            await api.do(f"/api/episodes/{here.episode}/announce", text="  only\u202e here ")
             await api.do("/api/announce", text="to all")
             assert [(await here.wait_for(Announced)).text for _ in range(2)] == [
                 "only here",

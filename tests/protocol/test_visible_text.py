@@ -51,6 +51,21 @@ def test_chat_without_a_visible_character_is_refused(said: str) -> None:
         messages.Say(text=said)
 
 
+@pytest.mark.parametrize(
+    ("written", "shown"),
+    [
+        ("one\ttwo\nthree", "one\ttwo\nthree"),
+        (f"{HEART}\n{FAMILY}\t{KEYCAP}", f"{HEART}\n{FAMILY}\t{KEYCAP}"),
+        ("\u202ehi\u2069\u200b", "hi"),
+        (f"hi{TAGS}\r\n\x1b\x00there", "hi\nthere"),
+        ("🍅\u200d\n🍅", "🍅\n🍅"),
+    ],
+)
+def test_recorded_texts_have_visible_characters_only(written: str, shown: str) -> None:
+    assert messages.Note(topic="plan", text=written).text == shown
+    assert messages.Act(seq=1, action=None, reasoning=written).reasoning == shown
+
+
 MIXED = st.text(st.sampled_from("a1#é🍅\u20e3\u200c\u200d\ufe0e\ufe0f\u3164\u0301 \U000e0061"))
 
 

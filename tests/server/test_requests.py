@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -228,6 +229,25 @@ async def test_early_stale_and_unreadable_actions(tmp_path: Path) -> None:
     assert [note.get("reasoning") for note in notes[:3]] == ["at once", None, "late"]
     assert (notes[3]["seq"], "nme" in notes[3]["action"]) == (0, True)
     assert all(note["reasons"] for note in notes)
+
+
+@virtual
+async def test_recorded_actions_have_visible_characters_only(tmp_path: Path) -> None:
+    hidden = "mo\u200bve\u202e"
+    async with serving(tmp_path) as server, raw(server) as ada:
+        options = {"task": "synchronous/01", "clock": "lockstep"}
+        created = await ada.ask({"type": "create", **options}, "created")
+        await join(ada, created["code"])
+        for seq, action in enumerate((hidden, {"name": hidden, "args": [hidden]}), 1):
+            wrong = await ada.ask(act(seq, action), "rejected")
+            assert wrong["action"] in ("move", "move(move)")
+        unreadable = json.dumps(act(9, {"nme": hidden}), ensure_ascii=False)
+        await ada.socket.send(unreadable)
+        await ada.expect("error")
+        server.lobby.find(created["code"]).abort("seen")
+    notes = rejected(tmp_path)
+    assert [note["action"] for note in notes[:2]] == ["move", "move(move)"]
+    assert '"nme": "move"' in notes[2]["action"]
 
 
 def test_actions_above_the_rate_limit(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from pydantic_core import PydanticCustomError
 
 from robotouille.protocol import messages
 from robotouille.protocol.codec import MAX_CLIENT_BYTES
-from robotouille.protocol.messages import Identifier, Labels, Position, Token
+from robotouille.protocol.messages import Identifier, Labels, Line, PlainText, Position, Token
 from robotouille_server.auth import Role
 from robotouille_server.operator.models import (
     MAX_OPENED,
@@ -193,7 +193,7 @@ class CloseCommand(Command):
 
     type: Literal["close"]
     episode: Identifier
-    reason: Annotated[str, Field(min_length=1, max_length=200)] | None = None
+    reason: Annotated[str, Field(min_length=1, max_length=200), Line] | None = None
 
 
 class AnnounceCommand(Command):
@@ -202,7 +202,7 @@ class AnnounceCommand(Command):
     least_role = Role.OPERATOR
     type: Literal["announce"]
     episode: Identifier | None = None
-    text: Annotated[str, Field(min_length=1, max_length=500)]
+    text: Annotated[str, Field(min_length=1, max_length=500), PlainText]
 
 
 class PauseCommand(Command):

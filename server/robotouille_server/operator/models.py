@@ -365,8 +365,12 @@ class Request(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
 
-Text = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=500)]
-Reason = Annotated[str, StringConstraints(strip_whitespace=True, max_length=200)]
+Text = Annotated[
+    str,
+    StringConstraints(strip_whitespace=True, min_length=1, max_length=500),
+    messages.PlainText,
+]
+Reason = Annotated[str, StringConstraints(strip_whitespace=True, max_length=200), messages.Line]
 
 
 class NoRequest(Request):

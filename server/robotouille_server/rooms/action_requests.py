@@ -7,6 +7,7 @@ from functools import partial
 from robotouille.episode import ActionRequest, Episode
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
+from robotouille.protocol.visible_text import plain_text
 from robotouille.world.grounding.actions import GroundAction
 from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.publishing.broadcaster import Broadcaster
@@ -78,7 +79,7 @@ class ActionRequests:
             # The beginning shows what a model or program tried to send. The whole message may be 64
             # KiB.
             beginning = message[:MAX_UNREADABLE]
-            text = beginning if isinstance(beginning, str) else repr(beginning)[2:-1]
+            text = plain_text(beginning) if isinstance(beginning, str) else repr(beginning)[2:-1]
             self._episode.refuse(
                 session.players[0], ActionRequest(0, text[:MAX_UNREADABLE]), why, now
             )
@@ -169,8 +170,10 @@ def requested_action(
             into the list of another step.
     """
     requested = request.action
-    if requested is None or isinstance(requested, str):
-        return requested
+    if requested is None:
+        return None
+    if isinstance(requested, str):
+        return plain_text(requested)
     if isinstance(requested, int):
         return _at(episode, player, requested, request.basis)
     try:
@@ -202,5 +205,5 @@ def in_words(request: messages.Act) -> str:
     """Return the requested action as text."""
     requested = request.action
     if isinstance(requested, messages.NamedAction):
-        return f"{requested.name}({', '.join(requested.args)})"
-    return "nothing" if requested is None else str(requested)
+        return plain_text(f"{requested.name}({', '.join(requested.args)})")
+    return "nothing" if requested is None else plain_text(str(requested))

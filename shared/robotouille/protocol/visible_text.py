@@ -44,14 +44,28 @@ def has_visible(text: str) -> bool:
     return any(category(letter)[0] not in "MZ" for letter in text)
 
 
-def visible_text(text: str) -> str:
-    """Return a text without invisible characters; empty if no character is visible.
+def without_invisible(text: str) -> str:
+    """Return a text without invisible characters.
 
     Joiners and variation selectors are kept where emoji and scripts need them.
     """
-    if not (text.isprintable() and _UNSEEN.isdisjoint(text)):
-        text = _JOINED.sub(r"\1", "".join(filter(_may_stay, text)))
-    return text if has_visible(text) else ""
+    if text.isprintable() and (text.isascii() or _UNSEEN.isdisjoint(text)):
+        return text
+    return _JOINED.sub(r"\1", "".join(filter(_may_stay, text)))
+
+
+_BETWEEN_LINES = re.compile(r"[^\t\n]+")
+
+
+def plain_text(text: str) -> str:
+    """Return a text without invisible characters except tabs and line feeds."""
+    return _BETWEEN_LINES.sub(lambda part: without_invisible(part[0]), text)
+
+
+def visible_text(text: str) -> str:
+    """Return a text without invisible characters; empty if no character is visible."""
+    shown = without_invisible(text)
+    return shown if has_visible(shown) else ""
 
 
 def _may_stay(letter: str) -> bool:

@@ -23,7 +23,7 @@ from typing_extensions import TypedDict
 from robotouille.episode.events import Reason
 from robotouille.episode.lifecycle import Absence, Controller, PauseReason, Phase
 from robotouille.episode.rules import MAX_LABELS, PRINTABLE, Chat, Clock
-from robotouille.protocol.visible_text import visible_text
+from robotouille.protocol.visible_text import plain_text, visible_text
 from robotouille.world.unmet import Unmet, UnmetKind
 
 PROTOCOL_VERSION = 1
@@ -46,7 +46,6 @@ Labels = Annotated[dict[LabelName, LabelValue], Field(max_length=MAX_LABELS)]
 
 # A line end could forge a line of another participant, and a NUL cannot be stored in PostgreSQL.
 _LINE_ENDS = re.compile(r"[\t\n\v\f\r\x1c-\x1e\x85\u2028\u2029]+")
-_CONTROLS_BETWEEN_LINES = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 
 def one_line(text: str) -> str:
@@ -62,11 +61,6 @@ def one_line(text: str) -> str:
     if not shown:
         raise ValueError("has no visible character")
     return shown
-
-
-def plain_text(text: str) -> str:
-    """Return a text without control characters except tabs and line feeds."""
-    return text if text.isprintable() else _CONTROLS_BETWEEN_LINES.sub("", text)
 
 
 Line = AfterValidator(one_line)
