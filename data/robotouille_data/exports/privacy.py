@@ -29,9 +29,10 @@ COLUMNS: Mapping[str, Mapping[str, Content]] = {
     "episodes": {
         **dict.fromkeys(
             ("episode", "state", "created", "started", "ended", "software", "task", "digest",
-             "timing", "clock", "absence", "chat", "phrases", "reason"),
+             "timing", "clock", "absence", "chat", "reason"),
             Content.NOTHING,
         ),
+        "phrases": Content.WORDS,
         "detail": Content.BOTH,
         "code": Content.NAMES,
         "owner": Content.NAMES,

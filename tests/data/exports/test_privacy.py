@@ -79,6 +79,7 @@ def test_texts_are_left_out(write: Write) -> None:
         assert each not in text
     assert "Ada" in text
     assert "text" not in pl.read_ndjson(folder / "events.jsonl").columns
+    assert "phrases" not in pl.read_ndjson(folder / "episodes.jsonl").columns
 
 
 def test_names_and_texts_can_both_be_left_out(write: Write) -> None:
