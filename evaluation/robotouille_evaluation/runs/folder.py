@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
 
 from robotouille.domain.json_files import parse_json, validate
 from robotouille.errors import Fault, FileError, RobotouilleError
+from robotouille.files.drafts import drafted
 from robotouille.files.reading import read_text
 from robotouille.files.writing import LINK, open_own, replace_file
 from robotouille_evaluation.metrics.rows import PackId, ResultRow, read_rows
@@ -65,12 +66,14 @@ class RunFolder:
     def create(cls, path: Path, plan: RunPlan) -> RunFolder:
         """Create a run, or raise RobotouilleError if the folder already has one."""
         folder = cls(path)
-        folder.require_new()
+        written = plan.model_copy(update={"pack_folder": _relative(plan.pack_folder, path)})
         try:
             path.mkdir(parents=True, exist_ok=True)
-            written = plan.model_copy(update={"pack_folder": _relative(plan.pack_folder, path)})
-            replace_file(folder._plan_file, written.model_dump_json(indent=1))
+            # Of two processes that begin at the same time, one fails.
+            with drafted(folder._plan_file, replace=False) as draft:
+                draft.write_bytes(written.model_dump_json(indent=1).encode())
         except OSError as error:
+            folder.require_new()
             raise _unwritable(path, error) from None
         return folder
 

@@ -9,6 +9,7 @@ import re
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -202,6 +203,21 @@ def test_moved_run_finds_its_pack(tmp_path: Path) -> None:
         found = RunFolder(tmp_path / "moved").plan()
         assert found.pack_folder == str(tmp_path.resolve() / moved)
         (tmp_path / "moved/run.json").unlink()
+
+
+def test_one_of_two_runs_that_begin_at_the_same_time_gets_the_folder(tmp_path: Path) -> None:
+    id_ = PackId(name=pack().name, version=pack().version, digest=pack().digest)
+    first = RunPlan(name="first", pack=id_, pack_folder="", software="0")
+
+    class Second(RunPlan):
+        def model_dump_json(self, **options: Any) -> str:
+            RunFolder.create(tmp_path, first)
+            return super().model_dump_json(**options)
+
+    second = Second(name="second", pack=id_, pack_folder="", software="0")
+    with pytest.raises(RobotouilleError, match="already has a run"):
+        RunFolder.create(tmp_path, second)
+    assert RunFolder(tmp_path).plan().name == "first"
 
 
 def test_folder_without_run(tmp_path: Path) -> None:
