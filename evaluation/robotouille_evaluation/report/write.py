@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
 from types import UnionType
@@ -73,8 +75,9 @@ def write_report(
     for figure in (*drawn, *graphs):
         replace_file(folder / "figures" / f"{figure.name}.svg", figure.svg)
         replace_file(folder / "figures" / f"{figure.name}.png", figure.png)
-    for table in tables:
-        replace_file(folder / "tables" / f"{_file_name(table.name)}.csv", csv_text(table))
+    names = _file_names([table.name for table in tables])
+    for table, name in zip(tables, names, strict=True):
+        replace_file(folder / "tables" / f"{name}.csv", csv_text(table))
     write_parquet(rows, folder / "rows.parquet")
     page = folder / "report.html"
     if folders is None:
@@ -85,6 +88,17 @@ def write_report(
 
 def _order(row: ResultRow) -> tuple[str, ...]:
     return (row.dataset, row.task, row.instance, row.player, row.model_dump_json())
+
+
+def _file_names(names: Sequence[str]) -> list[str]:
+    """Return file names for tables. Equal ones are followed by a part of the name's digest."""
+    plain = [_file_name(name) for name in names]
+    # Some file systems ignore case.
+    often = Counter(each.lower() for each in plain)
+    return [
+        f"{each}-{sha256(name.encode()).hexdigest()[:8]}" if often[each.lower()] > 1 else each
+        for name, each in zip(names, plain, strict=True)
+    ]
 
 
 def _file_name(name: str) -> str:

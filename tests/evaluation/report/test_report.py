@@ -131,6 +131,19 @@ def test_hostile_names_stay_in_the_folder(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {"report"}
 
 
+def test_tables_of_similar_data_sets_have_files_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(write, "all_figures", lambda *_: [])
+    rows = [row(dataset=name, task=f"task of {name}") for name in ("a b", "a-b", "A-B", "other")]
+    write_report(rows, tmp_path, graphs=())
+    files = sorted((tmp_path / "tables").glob("success_*.csv"))
+    assert len({path.name.lower() for path in files}) == 4
+    texts = "".join(path.read_text() for path in files)
+    assert all(f"task of {name}" in texts for name in ("a b", "a-b", "A-B", "other"))
+    assert (tmp_path / "tables/success_other.csv").is_file()
+
+
 @pytest.mark.slow
 def test_report_has_all_files_whatever_the_order_of_rows(tmp_path: Path) -> None:
     rows = list(made_up_rows(2))
