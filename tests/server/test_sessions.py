@@ -11,6 +11,7 @@ import pytest
 from robotouille.replay.recording import read_recording
 from robotouille_client import Client, connect
 from robotouille_server.auth.roles import Role
+from robotouille_server.rooms.lobby import LINGER_SECONDS
 from tests.support.lost_connections import cut
 from tests.support.servers import Raw, crash, raw, serving, with_clients
 from tests.support.virtual_time import run, virtual
@@ -151,6 +152,28 @@ class TestResumeTokens:
                 assert answer["code"] == "auth/expired"
             else:
                 assert (await thief.expect("snapshot"))["outcome"]["reason"] == "aborted"
+
+    @virtual
+    async def test_token_replaced_after_the_end_stays_invalid_once_its_session_is_forgotten(
+        self, tmp_path: Path
+    ) -> None:
+        async with serving(tmp_path, grace=3) as server:
+            async with raw(server) as ada:
+                tokens = [(await seated(ada))["resume"]]
+                (room,) = server.lobby.rooms.values()
+                room.abort("over")
+            for _ in range(2):
+                async with raw(server, hello=False) as again:
+                    await again.ask({**HELLO, "resume": tokens[-1]}, "welcome")
+                    tokens.append((await again.expect("joined"))["resume"])
+            await asyncio.sleep(LINGER_SECONDS + 1)
+            assert not server.lobby.rooms
+            async with raw(server, hello=False) as thief:
+                answer = await thief.ask({**HELLO, "resume": tokens[0]}, "welcome")
+                assert answer.get("code") == "auth/expired"
+            async with raw(server, hello=False) as late:
+                await late.ask({**HELLO, "resume": tokens[-1]}, "welcome")
+                assert (await late.expect("snapshot"))["outcome"]["reason"] == "aborted"
 
     @virtual
     async def test_token_with_a_lost_answer_is_valid_again(self, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import random
+from collections import OrderedDict
 
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
@@ -27,6 +28,8 @@ from robotouille_server.runtime.settings import ServerSettings
 
 SENT_OUT_SECONDS = 600.0
 """Seconds for which the removal of an absent participant is remembered, to explain it later."""
+MAX_FORGOTTEN = 10_000
+"""Forgotten sessions whose replaced tokens stay invalid. The oldest are dropped first."""
 REVOKED_LOOK_SECONDS = 1.0
 """Seconds between two checks of the list of revoked tokens."""
 
@@ -61,6 +64,8 @@ class Sessions:
         self._checked: frozenset[str] = frozenset()
         self._token_watch: asyncio.TimerHandle | None = None
         self._expiries: dict[Session, asyncio.TimerHandle] = {}
+        # A closed recording does not show which tokens were used after the end.
+        self._forgotten: OrderedDict[str, int] = OrderedDict()
         self._stopped = False
 
     # New sessions
@@ -135,7 +140,7 @@ class Sessions:
         if session is not None:
             used = session.generation
         elif home is not None:
-            used = home.seat(players[0]).generation
+            used = max(home.seat(players[0]).generation, self._forgotten.get(grant.session, 0))
         else:
             raise _expired("this connection cannot be resumed any more")
         if grant.generation < used:
@@ -149,8 +154,8 @@ class Sessions:
         if grant.anonymous:
             return self._role_without_token(visitor, "resume")
         if not self._tokens.past(grant.role_expires):
-            # A closed recording does not show which tokens were replaced after the end. They may
-            # show the end again, but grant no role that a stranger could misuse.
+            # After a restart, tokens that were replaced after the end are not known. They may show
+            # the end again, but grant no role that a stranger could misuse.
             shows_end = session is None and home is not None and home.ended
             if shows_end and grant.role.includes(Role.HOST):
                 raise _expired("the episode of this connection has ended")
@@ -269,6 +274,11 @@ class Sessions:
     def drop(self, session: Session) -> None:
         """Forget a session that another node has, even if it has a connection."""
         self.by_id.pop(session.id, None)
+        if session.generation:
+            self._forgotten.pop(session.id, None)
+            self._forgotten[session.id] = session.generation
+            if len(self._forgotten) > MAX_FORGOTTEN:
+                self._forgotten.popitem(last=False)
         # The timer would keep the session in memory for the grace, which may be a day.
         self._keep(session)
 
