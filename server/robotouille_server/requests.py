@@ -17,6 +17,7 @@ from typing import Any, Protocol
 
 from pydantic import BaseModel
 
+from robotouille.certification.step_limit import retimed_length
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
@@ -129,8 +130,8 @@ class ClusterRequests(Protocol):
 class Services:
     """Parts of a server that all its connections use.
 
-    `cluster` is None unless the server is a node of a cluster. `star_search` is held while a thread
-    finds the limits for the stars of a task.
+    `cluster` is None unless the server is a node of a cluster. `plan_simulation` is held while a
+    thread simulates the plan of a task.
     """
 
     settings: ServerSettings
@@ -145,7 +146,7 @@ class Services:
     shutdown: Shutdown
     worker: WorkerSlot
     cluster: ClusterRequests | None = None
-    star_search: asyncio.Lock = field(default_factory=asyncio.Lock)
+    plan_simulation: asyncio.Lock = field(default_factory=asyncio.Lock)
 
     def seat_tokens(
         self, room: Room, participants: Mapping[str, str], owner: str
@@ -204,6 +205,20 @@ def open_episode(services: Services, opening: Opening) -> tuple[Room, messages.C
     return room, created
 
 
+async def simulate_plan(services: Services, request: messages.Create) -> None:
+    """Simulate the plan that the step limit of an episode depends on, if it is not known yet.
+
+    A thread does this, because the simulation can take 0.2 s.
+
+    Raises:
+        ProtocolError: The request is invalid.
+    """
+    task = services.lobby.task_to_simulate(request)
+    if task is not None:
+        async with services.plan_simulation:
+            await asyncio.to_thread(retimed_length, task)
+
+
 def _pseudonym(owner: str, participant: str) -> str:
     """Return the pseudonym of a participant, which is the same in all episodes of an owner.
 
@@ -255,9 +270,19 @@ class Requests:
         opening = Opening(request=message, owner=self._owner, asker=asker, host=host)
         if services.cluster is not None:
             raise AnswerLater(self._create_in(services.cluster, opening))
+        if services.lobby.task_to_simulate(message) is not None:
+            raise AnswerLater(self._create_later(opening))
+        self._create_now(opening)
+
+    async def _create_later(self, opening: Opening) -> None:
+        await simulate_plan(self._services, opening.request)
+        self._create_now(opening)
+
+    def _create_now(self, opening: Opening) -> None:
+        message = opening.request
         try:
             with self._counting_guesses(message.rematch):
-                _, created = open_episode(services, opening)
+                _, created = open_episode(self._services, opening)
         except ElsewhereError as error:
             self._peer.send(error.moved(message.ref))
             return
@@ -461,7 +486,7 @@ class Requests:
     ) -> messages.Rendering:
         # The first request for a task simulates its plan, which can take 0.2 s. One search at a
         # time, because clients that ask at once usually need the same one.
-        async with self._services.star_search:
+        async with self._services.plan_simulation:
             limits = await asyncio.to_thread(room.find_star_limits)
         stars = None if limits is None else list(limits)
         if assets is None:

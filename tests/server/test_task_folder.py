@@ -14,6 +14,8 @@ import pytest
 from robotouille.certification import step_limit
 from robotouille.certification.certificate import Certificate, load_certificate
 from robotouille.certification.stars import star_limits
+from robotouille.certification.step_limit import people_step_limit
+from robotouille.domain.loading import load_task
 from robotouille.domain.task import Task
 from robotouille.errors import ProtocolError
 from robotouille.installation import data_folder
@@ -168,6 +170,27 @@ async def test_plans_for_stars_are_simulated_beside_the_event_loop(
             await other.join(code, role="spectator")
         answers = await asyncio.gather(*(each.rendering() for each in (ada, *others)))
         assert all(answer.stars for answer in answers)
+    (thread,) = searches
+    assert thread is not threading.current_thread()
+
+
+@virtual
+async def test_plans_for_step_limits_are_simulated_beside_the_event_loop(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(step_limit, "_lengths", {})
+    searches: list[threading.Thread] = []
+
+    def noted(task: Task) -> Certificate:
+        searches.append(threading.current_thread())
+        return load_certificate(task)
+
+    monkeypatch.setattr(step_limit, "load_certificate", noted)
+    async with serving(tmp_path) as server, raw(server) as host, raw(server) as other:
+        create = {"type": "create", "task": "multi_agent/01", "timing": "people", "clock": "turn"}
+        answers = await asyncio.gather(*(one.ask(create, "created") for one in (host, other)))
+        limits = {server.lobby.find(each["code"]).episode.rules.max_steps for each in answers}
+        assert limits == {people_step_limit(load_task("multi_agent/01", timing="people"), None)}
     (thread,) = searches
     assert thread is not threading.current_thread()
 

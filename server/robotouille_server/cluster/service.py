@@ -17,7 +17,7 @@ from robotouille_server.cluster.node import ClusterNode, other_nodes
 from robotouille_server.cluster.spectators.mirrors import Mirrors
 from robotouille_server.cluster.spectators.packets import Line, Watch, Watched
 from robotouille_server.cluster.spectators.relays import Relays
-from robotouille_server.requests import Opening, Services, open_episode
+from robotouille_server.requests import Opening, Services, open_episode, simulate_plan
 from robotouille_server.rooms.lobby import MAX_LISTED
 from robotouille_server.rooms.participants.session import JoinedRoom, SessionLimits
 from robotouille_server.transport import LoopTurns
@@ -152,6 +152,7 @@ class ClusterService:
         return answer.created
 
     async def _create_here(self, opening: Opening) -> messages.Created:
+        await simulate_plan(self.services, opening.request)
         await self._turns.next()
         room, created = open_episode(self.services, opening)
         try:

@@ -22,7 +22,7 @@ from robotouille_server.operator.models import Done, OpenedEpisode, Problem
 from robotouille_server.operator.other_nodes import EpisodeElsewhereError
 from robotouille_server.operator.principal import Principal, RequestRefusedError
 from robotouille_server.operator.service import OperatorService
-from robotouille_server.requests import Opening, open_episode
+from robotouille_server.requests import Opening, open_episode, simulate_plan
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.workers import ElsewhereError
 
@@ -214,6 +214,7 @@ class Commands:
                 if services.cluster is not None:
                     created = await services.cluster.create(opening)
                 else:
+                    await simulate_plan(services, opening.request)
                     _, created = open_episode(services, opening)
             except ProtocolError as refused:
                 error = _refusal("", refused).error

@@ -13,7 +13,7 @@ from robotouille.protocol import messages
 from robotouille_server.operator.load import Turns
 from robotouille_server.operator.models import OpenedEpisode, OpenRequest, TaskRow
 from robotouille_server.operator.principal import RequestRefusedError
-from robotouille_server.requests import Opening, Services, open_episode
+from robotouille_server.requests import Opening, Services, open_episode, simulate_plan
 from robotouille_server.runtime.task_folder import TaskFolder
 from robotouille_server.runtime.workers import ElsewhereError
 
@@ -67,6 +67,7 @@ async def open_episodes(
 async def _open(services: Services, opening: Opening) -> messages.Created:
     if services.cluster is not None:
         return await services.cluster.create(opening)
+    await simulate_plan(services, opening.request)
     try:
         return open_episode(services, opening)[1]
     except ElsewhereError as error:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
-from robotouille.certification.step_limit import people_step_limit
+from robotouille.certification.step_limit import needs_simulation, people_step_limit
 from robotouille.domain.loading import load_task
 from robotouille.domain.task import Task, Timing
 from robotouille.episode import Chat, Rules, SeatTreatment
@@ -59,6 +59,21 @@ class EpisodeSetup:
         return cls(task, rules, seed, request.labels, request.treatments)
 
 
+def task_to_simulate(
+    request: messages.Create, settings: ServerSettings, tasks: TaskFolder
+) -> Task | None:
+    """Return the task of an episode if its step limit needs the simulation of a plan, else None.
+
+    Raises:
+        ProtocolError: The request is invalid, as in `EpisodeSetup.requested`.
+    """
+    if _has_step_limit(request, settings):
+        return None
+    seed = request.seed if request.seed is not None else settings.seed
+    task = _task(request, _rules(request, settings), seed, settings, tasks)
+    return task if task.timing is Timing.PEOPLE and needs_simulation(task) else None
+
+
 def _rules(request: messages.Create, settings: ServerSettings) -> Rules:
     asked = {
         "clock": request.clock,
@@ -82,12 +97,18 @@ def _rules(request: messages.Create, settings: ServerSettings) -> Rules:
     return rules
 
 
+def _has_step_limit(request: messages.Create, settings: ServerSettings) -> bool:
+    """Return whether the request or the operator chooses the step limit."""
+    return request.max_steps is not None or "max_steps" in settings.model_fields_set
+
+
 def _with_step_limit(
     rules: Rules, task: Task, request: messages.Create, settings: ServerSettings
 ) -> Rules:
     """Replace the default step limit of a task with people's timing by a suitable one."""
-    given = request.max_steps is not None or "max_steps" in settings.model_fields_set
-    if given or (task.timing is not Timing.PEOPLE and task.problem.shift is None):
+    if _has_step_limit(request, settings) or (
+        task.timing is not Timing.PEOPLE and task.problem.shift is None
+    ):
         return rules
     limit = people_step_limit(task, rules.step_rate if rules.scheduled else None)
     return rules if limit is None else rules.model_copy(update={"max_steps": limit})

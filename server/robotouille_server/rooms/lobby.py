@@ -7,13 +7,14 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import NoReturn
 
+from robotouille.domain.task import Task
 from robotouille.episode import Event, Phase
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille_server.auth import in_scope, same_episode
 from robotouille_server.rooms.episode_driver import Machinery
-from robotouille_server.rooms.episode_setup import EpisodeSetup
+from robotouille_server.rooms.episode_setup import EpisodeSetup, task_to_simulate
 from robotouille_server.rooms.participants.seat_limits import LOOK_SECONDS
 from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.participants.sessions import Sessions
@@ -138,6 +139,12 @@ class Lobby:
         self._check_capacity(owner, reserved=request.open_for is not None)
         setup = EpisodeSetup.requested(request, self._settings, self.tasks)
         return self._add(self._factory.new(setup, owner))
+
+    def task_to_simulate(self, request: messages.Create) -> Task | None:
+        """Return the task whose plan `create` would simulate, or None; raise ProtocolError."""
+        if request.rematch is not None:
+            return None
+        return task_to_simulate(request, self._settings, self.tasks)
 
     def _play_again(self, request: messages.Create, owner: str, asker: Asker) -> Room:
         """Open a rematch, or return the one that another participant has opened already."""

@@ -68,6 +68,12 @@ def people_step_limit(task: Task, step_rate: float | None) -> int | None:
     return max(PATIENCE * length, least)
 
 
+def needs_simulation(task: Task) -> bool:
+    """Return whether `retimed_length` simulates a plan, which can take 0.2 s."""
+    simulated = task.timing is not Timing.BENCHMARK and task.problem.shift is None
+    return simulated and task.digest not in _lengths
+
+
 def retimed_length(task: Task) -> int | None:
     """Return the steps of a task's certified plan in the task's own timing, or None.
 
