@@ -216,9 +216,9 @@ def _rows_of(runs: Sequence[Path]) -> tuple[list[ResultRow], dict[str, Path]]:
     all_rows, folders = [], {}
     for path, rows in found.items():
         for row in rows:
-            name = row.run if names[row.run] == 1 else str(path)
-            all_rows.append(row.model_copy(update={"run": name}))
-            folders[name] = path
+            named = row if names[row.run] == 1 else row.model_copy(update={"run": str(path)})
+            all_rows.append(named)
+            folders[named.run] = path
     return all_rows, folders
 
 

@@ -62,6 +62,16 @@ def test_rows_are_read_one_by_one(tmp_path: Path) -> None:
         tracemalloc.stop()
 
 
+def test_row_takes_a_few_kilobytes(tmp_path: Path) -> None:
+    path = written(tmp_path, "".join(write_rows(row(job=f"job {n}") for n in range(500))))
+    tracemalloc.start()
+    try:
+        rows = read_rows(path)
+        assert tracemalloc.get_traced_memory()[0] < 5_000 * len(rows)
+    finally:
+        tracemalloc.stop()
+
+
 def test_last_row_of_a_repeated_job_counts(tmp_path: Path) -> None:
     broken, whole, other = row(job="a", error="no answer"), row(job="a"), row(job="b")
     path = written(tmp_path, "".join(write_rows([broken, other, whole])))
