@@ -23,6 +23,7 @@ _UNSEEN = frozenset(
 """Invisible letters, marks and symbols: fillers, joiners, blanks, variation selectors."""
 
 _JOINERS, _SELECTORS = "\u200c\u200d", "\ufe0e\ufe0f"
+_JOINING = frozenset(_JOINERS + _SELECTORS)
 _BASE = rf"[^\x00-\x7f{_JOINERS}{_SELECTORS}]"
 # Persian, Indic scripts and emoji need a joiner between two characters, emoji also a selector after
 # one, and keycaps a selector after a digit. Everywhere else, both can only hide a text.
@@ -44,22 +45,25 @@ def has_visible(text: str) -> bool:
     return any(category(letter)[0] not in "MZ" for letter in text)
 
 
-def without_invisible(text: str) -> str:
+def without_invisible(text: str, kept: str = "") -> str:
     """Return a text without invisible characters.
 
     Joiners and variation selectors are kept where emoji and scripts need them.
+
+    Args:
+        kept: Other invisible characters that are kept.
     """
     if text.isprintable() and (text.isascii() or _UNSEEN.isdisjoint(text)):
         return text
-    return _JOINED.sub(r"\1", "".join(filter(_may_stay, text)))
-
-
-_BETWEEN_LINES = re.compile(r"[^\t\n]+")
+    # Each character is looked up once, because the look-ups in Unicode's tables take longest.
+    hidden = [letter for letter in set(text).difference(kept) if not _may_stay(letter)]
+    shown = text.translate(dict.fromkeys(map(ord, hidden)))
+    return shown if _JOINING.isdisjoint(shown) else _JOINED.sub(r"\1", shown)
 
 
 def plain_text(text: str) -> str:
     """Return a text without invisible characters except tabs and line feeds."""
-    return _BETWEEN_LINES.sub(lambda part: without_invisible(part[0]), text)
+    return without_invisible(text, kept="\t\n")
 
 
 def visible_text(text: str) -> str:
@@ -69,6 +73,9 @@ def visible_text(text: str) -> str:
 
 
 def _may_stay(letter: str) -> bool:
+    # The usual case, without Unicode's tables.
+    if letter.isprintable() and letter not in _UNSEEN:
+        return True
     # Python's tables lack the newest emoji; Unicode reserves these places for them.
     emoji = "\U0001f000" <= letter <= "\U0001faff"
     return emoji or letter in _JOINERS or letter in _SELECTORS or is_seen(letter)
