@@ -193,14 +193,14 @@ export class Hands {
     if (!superseded) this.queue.answered(answer.applied, this.view());
   }
 
-  /** Send what is due, and mark the station of the last action. */
+  /** Send what is due, and mark the station of the last action, or the one waited for. */
   tick() {
     const { state, me } = this.game;
     if (!state || !me) return;
     this.around.notify(this.queue.tick(this.view()));
-    const { sent } = this.queue;
-    const station = sent && (sent.action.destination ?? scene(state).get(me)?.at);
-    this.kitchen.mark = sent && station ? { station, fate: sent.fate } : null;
+    const { sent, awaited } = this.queue;
+    const station = sent ? sent.action.destination ?? scene(state).get(me)?.at : awaited;
+    this.kitchen.mark = station ? { station, fate: sent?.fate ?? "asked" } : null;
   }
 
   /** Show who plays. */

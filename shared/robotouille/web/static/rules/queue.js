@@ -41,10 +41,15 @@ const SHOWN_SECONDS = 0.5;
 /** Time in which the use key does not take up or put down what the last action was about. */
 const GUARD_SECONDS = 1.0;
 const GUARDED = "done; to move it again, wait a second or click";
-/** Time for which a walk to an occupied station is retried. */
-const PATIENCE_SECONDS = 2.0;
+/**
+ * Time for which a walk to an occupied station is retried. Cutting takes about three seconds, after
+ * which most players leave.
+ */
+const PATIENCE_SECONDS = 6.0;
 /** Notice for an action that was meant for the end of a walk that failed. */
 const UNREACHED = "You didn't get there, so nothing was done";
+/** Notice for a walk to a station that did not become free in time. */
+const STILL_OCCUPIED = "It is still occupied, so you stopped waiting for it";
 
 export class ActionQueue {
   /** @param {{now: () => number, act: (action: Action) => void}} game */
@@ -133,8 +138,13 @@ export class ActionQueue {
 
   /** Labels of the waiting actions, the next one first. */
   get labels() {
-    const waiting = this._retry ? [this._retry, ...this._waiting] : this._waiting;
-    return waiting.map(({ label }) => label);
+    const waiting = this._waiting.map(({ label }) => label);
+    return this._retry ? [`${this._retry.label} (occupied)`, ...waiting] : waiting;
+  }
+
+  /** Station that the player walks to as soon as another player leaves it. */
+  get awaited() {
+    return this._retry?.action.destination ?? null;
   }
 
   /** The last action, until shortly after its result is known. */
@@ -227,7 +237,7 @@ export class ActionQueue {
     }
     const retry = this._retry;
     if (retry) {
-      if (this._game.now() > retry.until) this._fail(retry.action);
+      if (this._game.now() > retry.until) this._fail(retry.action, STILL_OCCUPIED);
       else if (isValid(state, me, retry.action)) this._send(retry.action, state);
       return "";
     }
@@ -262,11 +272,14 @@ export class ActionQueue {
     return this._failedAt !== null && this._game.now() - this._failedAt < GUARD_SECONDS;
   }
 
-  /** Drop what was meant to follow an action that was rejected for good. @param {Action} action */
-  _fail(action) {
+  /**
+   * Drop what was meant to follow an action that was rejected for good.
+   * @param {Action} action @param {string} notice Notice if nothing was meant to follow it.
+   */
+  _fail(action, notice = "") {
     if (action.destination !== null) {
       this._failedAt = this._game.now();
-      if (this._waiting.some(({ follows }) => follows)) this._untold = UNREACHED;
+      this._untold = this._waiting.some(({ follows }) => follows) ? UNREACHED : notice;
     }
     this._forget();
   }
