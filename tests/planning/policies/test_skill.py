@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from robotouille import World, load_task
+from robotouille import GroundAction, State, World, load_task
 from robotouille.episode import Clock
 from robotouille.errors import RobotouilleError
 from robotouille.planning.policies import PlannerPolicy
+from robotouille.planning.policies.policy import Did
 from robotouille.planning.policies.skill import (
     EXPERT,
     SKILLS,
@@ -80,6 +81,37 @@ def test_the_default_skill_fits_the_company(clock: str, kind: str, partner: bool
     assert (bot.act(state) is None) == partner, "a partner takes its time"
 
 
+class Thinker:
+    """Policy that walks somewhere in each step, and counts its thoughts in pauses."""
+
+    def __init__(self, player: str) -> None:
+        self._player = player
+        self.thoughts = 0
+
+    def observe(self, did: Did) -> None:
+        pass
+
+    def act(self, state: State) -> GroundAction | None:
+        return next(a for a in state.actions(self._player) if a.destination)
+
+    def think(self, state: State) -> None:
+        self.thoughts += 1
+
+
+def test_bot_thinks_in_its_pauses() -> None:
+    state = World(load_task("multi_agent/01@2")).initial
+    thinker = Thinker("robot1")
+    policy = SkilledPolicy(thinker, "robot1", Skill(pace=1.0), step_seconds=0.2)
+    walk = policy.act(state)
+    assert walk is not None
+    policy.observe([("robot1", walk, True)])
+    pause = 0
+    while policy.act(state) is None:
+        pause += 1
+        policy.observe([])
+    assert thinker.thoughts == pause > 0
+
+
 def test_unknown_skill_is_named() -> None:
     with pytest.raises(RobotouilleError, match="did you mean 'expert'"):
         skill_named("expart")
@@ -102,11 +134,11 @@ def test_help_pays_next_to_two_partners() -> None:
     games = [
         play(Setting("multi_agent/07", 3, person, "partner", seed))
         for person in ("idle", "helpful")
-        for seed in range(3)
+        for seed in range(4)
     ]
-    idle, helped = games[:3], games[3:]
+    idle, helped = games[:4], games[4:]
     assert all(game.won and not game.fault for game in games)
-    assert sum(game.steps for game in helped) < sum(game.steps for game in idle)
+    assert sum(game.steps for game in helped) < 0.93 * sum(game.steps for game in idle)
 
 
 @pytest.mark.slow

@@ -357,26 +357,13 @@ class PlannerPolicy:
     def act(self, state: State) -> GroundAction | None:
         """Return the action to take in a state, or None to do nothing in this step."""
         self.anticipating = False
-        if self._state is None or self._state != state:
-            # The game is not in the state that `observe` predicts: the seat has joined, or returned
-            # after an absence.
-            returning = self._state is not None
-            self._state = state
-            self._drop_plan()
-            if returning:
-                self._talk.announce()
-        self._state = state
+        self._enter(state)
         # A busy player's actions are rejected, so planning can wait.
         if state.goal_reached or state.busy_steps(self.player):
             return None
         if self._courtesy.at_work(self._step):
             return self._courtesy.act(state, self._step)
-        # The steps that passed during planning may already contradict the new plan.
-        # Without any plan, a bot that acts could only walk aside, so the first analysis is at once.
-        portion = Portion(PORTION if self._hurried else math.inf, analysis=self._step > 0)
-        for _ in range(MAX_CATCHING_UP):
-            if self._needed is not None and self._make_plan(self._needed, portion):
-                self._catch_up()
+        self._go_on_planning()
         if self._script is None:
             return self._act_meanwhile(state)
         if self._may_improve and self._pursued is not None:
@@ -395,6 +382,35 @@ class PlannerPolicy:
         self._waited = 0
         self._announce_actions(action)
         return action
+
+    def think(self, state: State) -> None:
+        """Plan in a state in which the seat may not act, such as in a pause.
+
+        The other bots of the team plan at this time, too. A seat that planned only after its pause
+        would first follow an outdated plan, and the others would no longer count on it.
+        """
+        self._enter(state)
+        if self._hurried and not state.goal_reached:
+            self._go_on_planning()
+
+    def _enter(self, state: State) -> None:
+        if self._state is None or self._state != state:
+            # The game is not in the state that `observe` predicts: the seat has joined, or returned
+            # after an absence.
+            returning = self._state is not None
+            self._state = state
+            self._drop_plan()
+            if returning:
+                self._talk.announce()
+        self._state = state
+
+    def _go_on_planning(self) -> None:
+        # The steps that passed during planning may already contradict the new plan.
+        # Without any plan, a bot that acts could only walk aside, so the first analysis is at once.
+        portion = Portion(PORTION if self._hurried else math.inf, analysis=self._step > 0)
+        for _ in range(MAX_CATCHING_UP):
+            if self._needed is not None and self._make_plan(self._needed, portion):
+                self._catch_up()
 
     @property
     def waiting(self) -> bool:

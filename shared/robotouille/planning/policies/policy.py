@@ -75,6 +75,13 @@ def waits(policy: Policy) -> bool:
     return bool(getattr(policy, "waiting", False))
 
 
+def think(policy: Policy, state: State) -> None:
+    """Let a policy plan in a state in which it may not act, if it has a `think` method."""
+    plan = getattr(policy, "think", None)
+    if plan is not None:
+        plan(state)
+
+
 class RandomPolicy:
     """Policy that chooses random valid actions. Equal seeds give equal choices."""
 

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 from robotouille.errors import RobotouilleError, did_you_mean
-from robotouille.planning.policies.policy import Did, Policy, Speech, TeamPolicy, waits
+from robotouille.planning.policies.policy import Did, Policy, Speech, TeamPolicy, think, waits
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State
 
@@ -121,6 +121,7 @@ class SkilledPolicy:
     def act(self, state: State) -> GroundAction | None:
         self._resting = True
         if self._step < self._ready or self._stands_by(state):
+            think(self._policy, state)
             return None
         action = self._policy.act(state)
         self._resting = False

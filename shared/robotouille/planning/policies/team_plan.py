@@ -407,12 +407,24 @@ class TeamDecision:
         return self._with_fewer() or self._way() or self._nearer()
 
     def _shorter_than(self, rest: Plan) -> TeamPlan:
-        """Return the shortest of the rest of the last plan and some other plans."""
-        best = rest
+        """Return the shortest of the rest of the last plan and some other plans.
+
+        If several are as short, return the one in which the members begin soonest.
+        """
+        plans = [rest]
         for number in range(1, ATTEMPTS + 1):
             found = self._find(self._base, self._team, number).plan
-            best = best if found is None or len(found) >= len(best) else found
+            if found is not None:
+                plans.append(found)
+        best = min(plans, key=lambda plan: (len(plan), self._waits(plan)))
         return TeamPlan(best, self._base, Assumption.TEAM)
+
+    def _waits(self, plan: Plan) -> int:
+        """Return the number of steps for which members wait for their first actions, in all."""
+        first = {
+            action.player: step for step, joint in reversed([*enumerate(plan)]) for action in joint
+        }
+        return sum(first.get(player, len(plan)) for player in self._team)
 
     def _unburdened(self) -> TeamPlan | None:
         """Return a plan in which the team first puts down all that it holds, or None.
