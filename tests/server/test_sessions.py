@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import shutil
 from contextlib import AsyncExitStack
 from pathlib import Path
 
@@ -10,6 +12,7 @@ import pytest
 
 from robotouille.replay.recording import read_recording
 from robotouille_client import Client, connect
+from robotouille_server.auth.replaced_tokens import ReplacedTokens
 from robotouille_server.auth.roles import Role
 from robotouille_server.rooms.lobby import LINGER_SECONDS
 from tests.support.lost_connections import cut
@@ -128,11 +131,13 @@ class TestResumeTokens:
                 answer = await thief.ask({**HELLO, "resume": used}, "welcome")
                 assert answer.get("code") == "auth/expired"
 
+    @pytest.mark.parametrize("elsewhere", [False, True])
     @pytest.mark.parametrize("role", [Role.HOST, Role.PLAYER])
     @virtual
-    async def test_token_replaced_after_the_end_grants_no_role_of_a_host(
-        self, tmp_path: Path, role: Role
+    async def test_token_replaced_after_the_end_is_invalid_after_a_restart(
+        self, tmp_path: Path, role: Role, elsewhere: bool
     ) -> None:
+        """Another node of a cluster shows the end again, but grants no role of a host."""
         async with serving(tmp_path) as server:
             async with raw(server) as host:
                 code = (await host.ask(CREATE, "created"))["code"]
@@ -146,12 +151,37 @@ class TestResumeTokens:
                     await again.ask({**HELLO, "resume": used[-1]}, "welcome")
                     used.append((await again.expect("joined"))["resume"])
             await server.stop("restart", hand_over=True)
-        async with serving(tmp_path, seed=2) as server, raw(server, hello=False) as thief:
-            answer = await thief.ask({**HELLO, "resume": used[0]}, "welcome")
-            if role is Role.HOST:
-                assert answer["code"] == "auth/expired"
-            else:
-                assert (await thief.expect("snapshot"))["outcome"]["reason"] == "aborted"
+        if elsewhere:
+            shutil.rmtree(server.settings.state_folder / "replaced-tokens")
+        async with serving(tmp_path, seed=2) as server:
+            async with raw(server, hello=False) as thief:
+                answer = await thief.ask({**HELLO, "resume": used[0]}, "welcome")
+                if role is Role.HOST or not elsewhere:
+                    assert answer["code"] == "auth/expired"
+                else:
+                    assert (await thief.expect("snapshot"))["outcome"]["reason"] == "aborted"
+            async with raw(server, hello=False) as ada:
+                answer = await ada.ask({**HELLO, "resume": used[-1]}, "welcome")
+                assert answer["type"] == ("error" if role is Role.HOST else "welcome")
+
+    @virtual
+    async def test_replaced_tokens_are_remembered_until_they_expire(self, tmp_path: Path) -> None:
+        replaced = ReplacedTokens(tmp_path / "replaced", seconds=60)
+        replaced.note("old", 3)
+        (file,) = (tmp_path / "replaced").iterdir()
+        os.utime(file, (0, 0))
+        replaced = ReplacedTokens(tmp_path / "replaced", seconds=60)
+        replaced.note("new", 4)
+        await asyncio.get_running_loop().shutdown_default_executor()
+        assert (replaced.last_used("old"), replaced.last_used("new")) == (0, 4)
+
+    @virtual
+    async def test_unreadable_note_counts_for_every_token(self, tmp_path: Path) -> None:
+        replaced = ReplacedTokens(tmp_path, seconds=60)
+        replaced.note("ada", 3)
+        (file,) = tmp_path.iterdir()
+        file.write_text("three")
+        assert replaced.last_used("ada") > 2**53
 
     @virtual
     async def test_token_replaced_after_the_end_stays_invalid_once_its_session_is_forgotten(

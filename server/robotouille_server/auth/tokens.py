@@ -26,6 +26,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from robotouille.errors import ProtocolError
 from robotouille_server.auth.keys import FileKeyring, Keyring
 from robotouille_server.auth.links import Link, is_link, pack_link, read_link
+from robotouille_server.auth.replaced_tokens import ReplacedTokens
 from robotouille_server.auth.revocation import REVOKED_FILE, Revocations, UsedTokens
 from robotouille_server.auth.roles import Role
 from robotouille_server.runtime.settings import ServerSettings
@@ -402,6 +403,7 @@ class Credentials:
 
     tokens: Tokens
     used: UsedTokens
+    replaced: ReplacedTokens
     revoked: Revocations
 
     @classmethod
@@ -413,7 +415,9 @@ class Credentials:
         """
         revoked = Revocations(revoked_file(settings))
         tokens = Tokens(_keyring(settings), wall, revoked)
-        return cls(tokens, UsedTokens(settings.state_folder / "used-tokens", wall), revoked)
+        state, seconds = settings.state_folder, settings.resume_hours * 3600
+        replaced = ReplacedTokens(state / "replaced-tokens", seconds)
+        return cls(tokens, UsedTokens(state / "used-tokens", wall), replaced, revoked)
 
 
 def _keyring(settings: ServerSettings) -> Keyring:

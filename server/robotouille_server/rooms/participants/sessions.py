@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import random
-from collections import OrderedDict
 
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
@@ -28,8 +27,6 @@ from robotouille_server.runtime.settings import ServerSettings
 
 SENT_OUT_SECONDS = 600.0
 """Seconds for which the removal of an absent participant is remembered, to explain it later."""
-MAX_FORGOTTEN = 10_000
-"""Forgotten sessions whose replaced tokens stay invalid. The oldest are dropped first."""
 REVOKED_LOOK_SECONDS = 1.0
 """Seconds between two checks of the list of revoked tokens."""
 
@@ -56,6 +53,7 @@ class Sessions:
         self._metrics = metrics
         self._tokens = credentials.tokens
         self._used = credentials.used
+        self._replaced = credentials.replaced
         self._revoked = credentials.revoked
         self._random = randomness
         self._strict = settings.require_token
@@ -64,8 +62,6 @@ class Sessions:
         self._checked: frozenset[str] = frozenset()
         self._token_watch: asyncio.TimerHandle | None = None
         self._expiries: dict[Session, asyncio.TimerHandle] = {}
-        # A closed recording does not show which tokens were used after the end.
-        self._forgotten: OrderedDict[str, int] = OrderedDict()
         self._stopped = False
 
     # New sessions
@@ -140,7 +136,9 @@ class Sessions:
         if session is not None:
             used = session.generation
         elif home is not None:
-            used = max(home.seat(players[0]).generation, self._forgotten.get(grant.session, 0))
+            used = home.seat(players[0]).generation
+            if home.ended:
+                used = max(used, self._replaced.last_used(grant.session))
         else:
             raise _expired("this connection cannot be resumed any more")
         if grant.generation < used:
@@ -154,8 +152,8 @@ class Sessions:
         if grant.anonymous:
             return self._role_without_token(visitor, "resume")
         if not self._tokens.past(grant.role_expires):
-            # After a restart, tokens that were replaced after the end are not known. They may show
-            # the end again, but grant no role that a stranger could misuse.
+            # Another node of a cluster may have replaced the token after the end. It may show the
+            # end again, but grants no role that a stranger could misuse.
             shows_end = session is None and home is not None and home.ended
             if shows_end and grant.role.includes(Role.HOST):
                 raise _expired("the episode of this connection has ended")
@@ -181,6 +179,9 @@ class Sessions:
             if room is None:
                 raise _expired("this connection cannot be resumed any more")
             session = self._from_before(grant, room)
+        ended = session.room is not None and session.room.ended
+        if ended and session.players and grant.generation > session.generation:
+            self._replaced.note(session.id, grant.generation)
         # The client has proved that it received this token, so earlier ones are obsolete.
         session.generation = grant.generation
         session.role = role
@@ -274,11 +275,6 @@ class Sessions:
     def drop(self, session: Session) -> None:
         """Forget a session that another node has, even if it has a connection."""
         self.by_id.pop(session.id, None)
-        if session.generation:
-            self._forgotten.pop(session.id, None)
-            self._forgotten[session.id] = session.generation
-            if len(self._forgotten) > MAX_FORGOTTEN:
-                self._forgotten.popitem(last=False)
         # The timer would keep the session in memory for the grace, which may be a day.
         self._keep(session)
 
