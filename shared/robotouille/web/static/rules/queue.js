@@ -128,8 +128,7 @@ export class ActionQueue {
   pick(action, words, view) {
     /** @type {Intent["resolve"]} */
     const resolve = (state, me) => {
-      const valid = isValid(state, me, action);
-      return { action, hint: words, valid, advice: false };
+      return { action, hint: words, valid: isValid(state, me, action), advice: false };
     };
     return this.ask({ label: words, resolve }, view);
   }
@@ -168,7 +167,7 @@ export class ActionQueue {
 
   /** Drop the waiting actions and return whether there were any. */
   clear() {
-    const had = this._retry !== null || this._waiting.length > 0;
+    const had = this.labels.length > 0;
     this._forget();
     return had;
   }
@@ -204,9 +203,7 @@ export class ActionQueue {
   answered(applied, { state, me }) {
     const sent = this._sent;
     if (sent?.fate !== "asked") return;
-    this._sent = {
-      ...sent, time: this._game.now(), fate: applied ? "done" : "rejected",
-    };
+    this._sent = { ...sent, time: this._game.now(), fate: applied ? "done" : "rejected" };
     this._retry = applied || !state || !me ? null : this._wanted(sent, state);
     if (!applied && !this._retry) this._fail(sent.action);
   }
@@ -232,9 +229,8 @@ export class ActionQueue {
   _next(view) {
     const { state, me } = view;
     if (view.over) this._forget();
-    if (view.frozen || !me || !state || this._sent?.fate === "asked" || state.busySteps(me)) {
-      return "";
-    }
+    const waits = view.frozen || this._sent?.fate === "asked";
+    if (waits || !me || !state || state.busySteps(me)) return "";
     const retry = this._retry;
     if (retry) {
       if (this._game.now() > retry.until) this._fail(retry.action, STILL_OCCUPIED);
