@@ -122,22 +122,27 @@ class Controls:
         return self.sensible(state, me, self._resolve(situation, own, others, here))
 
     def sensible(self, state: State, me: str, resolved: ResolvedInput) -> ResolvedInput:
-        """Return what a key does: nothing if it would put an object where nothing can be done.
+        """Return what a key does: nothing if it would put an object where it is of no use.
 
-        Players who press a key at a stove want to cook. A click puts objects down anywhere.
+        Players who press a key at a stove want to cook, and at a crate to take something. A click
+        puts objects down anywhere.
         """
         action = resolved.action if resolved.valid else None
         vain = "" if action is None else self._vain(state, me, action)
         return ResolvedInput(None, vain, advice=True) if vain else resolved
 
     def _vain(self, state: State, me: str, action: GroundAction) -> str:
-        """Return why a station for work is of no use for what an action puts there, or ""."""
+        """Return why a station is of no use for what an action puts there, or ""."""
         before = Situation(state, me, scene(state))
         station, works = before.at, self._keys_at_a_place()
         if action.effects or station is None or not before.held:
             return ""
-        if things_upon(station, before.placed):
-            return ""
+        thing, *_ = things_upon(me, before.placed)
+        pile = things_upon(station, before.placed)
+        if pile:
+            mixes = self._is_supply(station, pile) and not self._are_alike(thing, pile[0])
+            words = capitalised(self.wording(me).thing(thing, state))
+            return f"{words} does not belong here" if mixes else ""
         misses = NearMisses(self.world, self.wording(me))
         if not any(misses.is_for(each, station) for each in works):
             return ""
@@ -151,9 +156,16 @@ class Controls:
         if any(row.subject in here and station in row.arguments for row in work):
             return ""
         miss = misses.nearest(then, works, here, at_work=False)
-        thing, *_ = things_upon(me, before.placed)
         vain = f"Nothing to do with {self.wording(me).thing(thing, state)} here"
         return miss.words if miss.advice else vain
+
+    def _is_supply(self, station: str, pile: Sequence[str]) -> bool:
+        """Return whether a pile is a supply, as in a crate, and not a dish."""
+        several = len(pile) > 1 and all(self._are_alike(pile[0], name) for name in pile)
+        return several and station not in self.world.floor.plain
+
+    def _are_alike(self, one: str, other: str) -> bool:
+        return self.world.thing(one).kind == self.world.thing(other).kind
 
     def options(self, state: State, me: str) -> tuple[Option, ...]:
         """Return the keys whose own action at this station is valid and useful now."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.places import capitalised
 from robotouille.world.presentation.unserved import unserved
+from robotouille.world.scene import scene
 from robotouille.world.world import State
 from robotouille_client.window.drawing.window_layout import KeyRows
 from robotouille_client.window.input.commands import Command, key_words
@@ -17,7 +18,15 @@ from robotouille_client.window.input.input_controller import (
 from robotouille_client.window.sources.texts import unserved_words
 from robotouille_client.window.view import LobbyView, View
 
-_Asked = tuple[State, str | None, str | None, LobbyView | None, tuple[bool, bool, bool, bool]]
+_Asked = tuple[
+    State,
+    str | None,
+    str | None,
+    LobbyView | None,
+    tuple[bool, bool, bool, bool],
+    frozenset[str],
+    str | None,
+]
 _List = tuple[State, tuple[GroundAction, ...]]
 _Advice = tuple[tuple[str, ...], KeyRows]
 
@@ -29,6 +38,10 @@ SIGNAL_WORDS = {
     Command.WAIT: "wait",
     Command.THANKS: "thank you",
 }
+
+
+DISCARDED = ", which goes back to where it came from"
+"""End of the words for putting a thing into a bin."""
 
 
 SHIFT_ROWS = (
@@ -56,7 +69,8 @@ class PlayHints:
         # Searching near misses is slow, so the result is kept while this key stays the same.
         counting = view.starts_in is not None
         interrupted = (view.pause is not None, view.offline is not None, view.frozen, counting)
-        key = (view.state, view.me, hover, view.lobby, interrupted)
+        queue = self._controller.queue
+        key = (view.state, view.me, hover, view.lobby, interrupted, queue.just_used, queue.awaited)
         if self._advice is None or self._advice[0] != key:
             hints: KeyRows = ()
             if view.lobby is not None and view.asks_if_ready:
@@ -65,9 +79,26 @@ class PlayHints:
                     use = key_words("enter")
                 hints = ((use, "not ready after all" if view.lobby.ready else "I'm ready!"),)
             elif view.me is not None and not view.frozen:
-                hints = self._controller.hints(controls, view.state, view.me)
+                hints = self._hands(controls, view, view.me)
             self._advice = (key, (tips_about(controls, view, hover), hints))
         return self._advice[1]
+
+    def _hands(self, controls: Controls, view: View, me: str) -> KeyRows:
+        """Return what the keys for work do now, or else what the station is for."""
+        use = self._controller.keys.words(Command.USE)
+        rows = self._controller.hints(controls, view.state, me)
+        if self._controller.use_rests(controls, view):
+            return tuple(row for row in rows if row[0] != use)
+        here = scene(view.state)[me].at
+        if here is not None and _discards(view.state, here):
+            rows = tuple(
+                (key, f"{words}{DISCARDED}" if key == use else words) for key, words in rows
+            )
+        busy = view.state.busy_steps(me)
+        if rows or busy or here is None:
+            return rows
+        purpose = controls.wording(me).purpose(controls.world.thing(here).kind)
+        return (("", capitalised(purpose)),) if purpose else ()
 
     def permanent_keys(self, controls: Controls, view: View) -> KeyRows:
         """Return the keys that are always shown below the kitchen."""
@@ -179,4 +210,11 @@ def _click_tips(controls: Controls, view: View, hover: str) -> tuple[str, ...]:
             kind = controls.world.thing(hover).kind
             told = capitalised(controls.wording(view.me).purpose(kind)) or told
         return (title, told) if told else (title,)
-    return (hint_words(resolved, view.state),)
+    at_a_bin = hover == scene(view.state)[view.me].at and _discards(view.state, hover)
+    end = DISCARDED if at_a_bin else ""
+    return (f"{hint_words(resolved, view.state)}{end}",)
+
+
+def _discards(state: State, station: str) -> bool:
+    """Return whether what is put on a station vanishes from it."""
+    return state.world.shift is not None and station in state.world.shift.discarding

@@ -161,6 +161,16 @@ class InputController:
         awaited = self.queue.awaited
         return ActionMark(awaited, "asked") if awaited else None
 
+    def use_rests(self, controls: Controls, view: View) -> bool:
+        """Return whether the use key does nothing at this station at the moment.
+
+        It waits for a walk, or it would undo what the player has just done.
+        """
+        if self.queue.awaited is not None:
+            return True
+        used = self.queue.just_used
+        return bool(used) and self._resolve_guarded(controls, "", view).hint == GUARDED
+
     def hints(self, controls: Controls, state: State, me: str) -> tuple[tuple[str, str], ...]:
         """Return rows of (key, what it does now), the most useful first.
 

@@ -102,8 +102,7 @@ export class Controls {
    * @param {State} state @param {string} me @param {string} key
    */
   key(state, me, key) {
-    const situation = situationOf(state, me);
-    const { at, placed } = situation;
+    const situation = situationOf(state, me), { at, placed } = situation;
     const own = this._keys.get(key.toLowerCase()) ?? [];
     const here = at ? [at, ...thingsUpon(at, placed)] : [];
     const atPlace = own.some(({ parameter }) => parameter) && here.length;
@@ -116,8 +115,9 @@ export class Controls {
   }
 
   /**
-   * Return what a key does: nothing if it would put an object where nothing can be done. Players
-   * who press a key at a stove want to cook. A click puts objects down anywhere.
+   * Return what a key does: nothing if it would put an object where it is of no use. Players who
+   * press a key at a stove want to cook, and at a crate to take something. A click puts objects
+   * down anywhere.
    * @param {State} state @param {string} me @param {Resolved} resolved
    */
   _sensible(state, me, resolved) {
@@ -127,15 +127,20 @@ export class Controls {
   }
 
   /**
-   * Return why a station for work is of no use for what an action puts there, or "".
+   * Return why a station is of no use for what an action puts there, or "".
    * @param {State} state @param {string} me @param {Action} action
    */
   _vain(state, me, action) {
     const { at, held, placed } = situationOf(state, me);
-    if (labelsOf(action).length || at === null || !held.size || thingsUpon(at, placed).length) {
-      return "";
-    }
-    const [misses, works] = [new NearMisses(this.wording(me)), this._keysAtAPlace()];
+    if (labelsOf(action).length || at === null || !held.size) return "";
+    const [wording, pile, [thing]] = [this.wording(me), thingsUpon(at, placed), thingsUpon(me, placed)];
+    const kinds = new Set(pile.map((name) => state.kindOf(name)));
+    // A pile of one kind, as in a crate, is a supply and not a dish.
+    const supply = pile.length > 1 && kinds.size === 1 && !this.task.floor.plain.has(at);
+    const mixes = supply && !kinds.has(state.kindOf(thing));
+    if (mixes) return `${capitalised(wording.thing(thing, state))} does not belong here`;
+    if (pile.length) return "";
+    const [misses, works] = [new NearMisses(wording), this._keysAtAPlace()];
     if (!works.some((each) => misses.isFor(each, at))) return "";
     const after = state.changed(changes(state, action));
     const then = situationOf(after, me);
@@ -146,8 +151,7 @@ export class Controls {
     const resumes = work.some((row) => here.includes(row.subject) && row.arguments.includes(at));
     if (wanted || resumes || then.held.size || this.options(after, me).length) return "";
     const { advice, words } = misses.nearest(then, works, here, false);
-    const [thing] = thingsUpon(me, placed);
-    return advice ? words : `Nothing to do with ${this.wording(me).thing(thing, state)} here`;
+    return advice ? words : `Nothing to do with ${wording.thing(thing, state)} here`;
   }
 
   /**
@@ -275,17 +279,14 @@ export class Controls {
    */
   _resolve(situation, own, others, candidates, onlyOwnAtWork = true) {
     if (!own.length) return nothing("");
-    const { state, me } = situation;
-    const busy = state.busySteps(me);
+    const { state, me } = situation, busy = state.busySteps(me);
     if (busy) return nothing(busyWords(busy));
     const wording = this.wording(me);
     let action = useful(situation, own, candidates);
     const atWork = !action && isAtWork(situation, own, candidates);
     if (!action && !(atWork && onlyOwnAtWork)) action = useful(situation, others, candidates);
-    if (action) {
-      const hint = capitalised(wording.action(action, state));
-      return { action, hint, valid: true, advice: false };
-    }
+    const hint = action ? capitalised(wording.action(action, state)) : "";
+    if (action) return { action, hint, valid: true, advice: false };
     const bindings = [...own, ...others];
     const miss = new NearMisses(wording).nearest(situation, bindings, candidates, atWork);
     return { action: miss.action, hint: miss.words, valid: false, advice: miss.advice };
