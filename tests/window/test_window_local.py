@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from robotouille import GroundAction, State, World, load_task
 from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.episode import ChatPosted, Clock, Episode, Rules
 from robotouille.planning.policies import PlannerOptions, PlannerPolicy, Policy, RandomPolicy
+from robotouille.planning.policies.policy import Speech
 from robotouille.planning.policies.standing import standing_at
 from robotouille.planning.solvers import AnytimePlanner
 from robotouille.replay.file_names import CLOSED
@@ -160,6 +161,43 @@ def test_bots_ask_an_idle_person_to_move(words: Language, place: str) -> None:
     (share,) = (seat for seat in game.outcome["seats"] if seat["player"] == "robot2")
     assert share["waiting"] > 20, "it waited for the place: it did not idle"
     assert share["idle"] < 20
+
+
+class Asking(RandomPolicy):
+    """Bot that asks for some stations, and does nothing."""
+
+    anticipating = False
+
+    def __init__(self, player: str, *stations: str) -> None:
+        super().__init__(player)
+        self._speeches = [Speech(signal=Signal(Intent.NEED, each)) for each in stations]
+
+    def meet(self, kinds: Mapping[str, str], clock: str) -> None:
+        pass
+
+    def hear(self, player: str, speech: Speech) -> None:
+        pass
+
+    def act(self, state: State) -> None:
+        return None
+
+    def speak(self) -> list[Speech]:
+        said, self._speeches = self._speeches, []
+        return said
+
+
+def test_a_request_for_a_place_that_is_free_again_is_not_made() -> None:
+    timer, world = Timer(), World("multi_agent/01")
+    me, other = world.players
+    here = standing_at(world.initial, me) or ""
+    free = next(name for name in world.floor.stations if name.startswith("stove"))
+    bots = {other: Asking(other, free, here)}
+    game = among(Episode(world, Rules(clock=Clock.LOCKSTEP), timer()), me, bots, timer)
+    for timer.now in (0.5, 1.0):
+        view = game.view()
+    assert len(view.chat) == 1
+    assert (me, free) not in {(whom, place) for _, place, whom in view.blocked}
+    assert (other, here, me) in view.blocked
 
 
 def test_a_bot_waits_for_the_help_it_asked_for() -> None:

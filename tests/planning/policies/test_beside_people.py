@@ -351,3 +351,20 @@ def test_requests_fit_the_current_state() -> None:
             bot.observe([("robot2", action, True)] if puts else [])
         asked = [said.text for said in bot.speak() if said.text.startswith("Can you")]
         assert asked == ([] if puts else ["Can you put down the bottom bun?"])
+
+
+@pytest.mark.slow
+def test_bot_asks_nobody_for_what_it_could_do_itself() -> None:
+    task = load_task("multi_agent/02@2", timing="people")
+    # The person stands at the only stove. The patty lies where the bot could take it.
+    game = play_team(
+        task,
+        {"robot1": person("idle", World(task), "robot1", 0)},
+        clock=Clock.REALTIME,
+        limit=300,
+        skill=SKILLS["partner"],
+        step_rate=RATE,
+    )
+    said = [text for _, _, text in game.said if not text.startswith("Next:")]
+    assert "I need the stove, please" in said
+    assert "Can you pick up the patty?" not in said

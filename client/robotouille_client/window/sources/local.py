@@ -23,7 +23,7 @@ from robotouille.episode.lifecycle import PauseReason
 from robotouille.errors import ProtocolError
 from robotouille.planning.policies.policy import Speech
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.presentation.signals import Signal
+from robotouille.world.presentation.signals import Signal, is_outdated
 from robotouille.world.presentation.wording import Wording
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
@@ -224,7 +224,9 @@ class LocalSource(GameSource):
         if speech.to_bots:
             episode.note(player, TEAM_TOPIC, speech.text, now)
         elif speech.signal is not None:
-            # The bot may have decided some steps ago, and the item may be gone.
+            # The bot may have decided some steps ago: the item may be gone, or the place free.
+            if is_outdated(speech.signal, player, episode.state):
+                return
             with suppress(ProtocolError):
                 episode.signal(self._bots[player], player, speech.signal, now)
         else:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from functools import cached_property
 
 from robotouille.domain.rendering import Language, language_of
-from robotouille.planning.policies.aside import held_by
+from robotouille.planning.policies.aside import after, held_by, put_down
 from robotouille.planning.policies.plan_watch import PlanWatch
 from robotouille.planning.policies.policy import Script, Speech
 from robotouille.planning.policies.standing import standing_at
@@ -88,7 +88,7 @@ class Conversation(Talk):
             return
         if watch.assumption is Assumption.EVERYBODY and watch.is_stuck:
             missing = missing_action(watch.script, state, others, self._rules)
-            if missing is not None:
+            if missing is not None and not self._can_do(missing, state, team, others):
                 words = appeal(self._here(missing), state, self._wording)
                 # To ask for the item in a hand and for an action with it is the same need.
                 held = object_in_hand([missing], state, others)
@@ -106,6 +106,26 @@ class Conversation(Talk):
         station = station_in_the_way(coming, state, others)
         if station is not None:
             self.ask(request(station), station, step)
+
+    def _can_do(
+        self, action: GroundAction, state: State, team: Collection[str], others: Sequence[str]
+    ) -> bool:
+        """Return whether one of a team could take another player's action without any help.
+
+        The member may have to walk, and to put down what it holds.
+        """
+        taken = {standing_at(state, player) for player in others}
+        if not taken.isdisjoint(action.arguments):
+            return False
+        for player in team:
+            names = [player if name == action.player else name for name in action.arguments]
+            free = state
+            for each in put_down(state, player):
+                free = after(free, each)
+            unmet = free.world.unmet(free, free.world.action(action.name, *names))
+            if all(self._rules.is_about_standing(each.predicate) for each in unmet):
+                return True
+        return False
 
     # Answers
 

@@ -65,6 +65,18 @@ def signal_fault(signal: Signal, player: str, state: State) -> str:
     return f"there is no {target!r} in the kitchen"
 
 
+def is_outdated(signal: Signal, player: str, state: State) -> bool:
+    """Return whether a player needs something that no other player occupies or holds."""
+    intent, target = signal
+    if intent is not Intent.NEED:
+        return False
+    placed = scene(state)
+    others = {name for name in state.world.players if name != player}
+    if target in state.world.floor.stations:
+        return all(placed[name].at != target for name in others)
+    return target not in placed or placed[target].host not in others
+
+
 def signal_text(signal: Signal, state: State, wording: Wording) -> str:
     """Return a signal as a sentence."""
     intent, target = signal
