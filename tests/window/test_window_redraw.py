@@ -82,6 +82,21 @@ def test_a_visible_change_is_drawn(window: Window, view: View, change: dict[str,
     assert frames(window, source, 3) == 1
 
 
+def test_calm_players_are_drawn_once_a_step(window: Window, view: View) -> None:
+    """Their breath needs no pictures besides those that show the number of the step."""
+    still = replace(view, previous=None, step_seconds=0.2, seconds=0.0)
+    source = moment(still)
+    frames(window, source)
+    pygame.event.clear()
+    drawn = []
+    for tick in range(250):  # Ten seconds, in which everybody breathes and blinks.
+        step, part = divmod(tick, 5)
+        phase, seconds = part / 5, tick / 25 + 0.013
+        source.shown = replace(still, step=step, phase=phase, seconds=seconds)
+        drawn.append(frames(window, source, 1))
+    assert sum(drawn) <= 50
+
+
 def test_walks_are_drawn_in_every_frame(window: Window, view: View) -> None:
     walk = next(a for a in view.state.actions("robot1") if a.name == "move")
     source = moment(replace(view, state=view.state.step(walk).state, step=4))

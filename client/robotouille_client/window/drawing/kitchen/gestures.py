@@ -33,6 +33,8 @@ _JUMPS = 2.4
 _BREATH, _BREATHS = 2.6, (0.0, 0.008, 0.016)
 # Seconds for which eyes are shut, and between two times; each player has a rhythm of its own.
 _BLINK, _AWAKE = 0.13, 3.1
+# Seconds between two pictures of calm players in real time.
+_CALM = 0.2
 # Seconds of a shaken head, of a hop with a signal, and of a glance at a speaker.
 _SHAKE, _HOP, _GLANCE = 0.5, 0.35, 1.3
 # Width of a shaken head in tiles, and its turns in a second.
@@ -123,12 +125,12 @@ class Gestures:
 
     def _idle(self, view: View, poses: dict[str, Pose], name: str, number: int) -> Gesture:
         """Return the gesture of a player that stands: it breathes, blinks, looks and reacts."""
-        seconds = view.seconds or 0.0
-        level = (1 + math.sin(math.tau * seconds / _BREATH + math.pi * number)) / 2
+        seconds, calm_at = view.seconds or 0.0, _calm_time(view)
+        level = (1 + math.sin(math.tau * calm_at / _BREATH + math.pi * number)) / 2
         calm = Gesture(
             self._glance(view, poses, name),
             lift=_BREATHS[round(level * (len(_BREATHS) - 1))],
-            shut=(seconds + 1.7 * number) % (_AWAKE + 0.7 * number) < _BLINK,
+            shut=(calm_at + 1.7 * number) % (_AWAKE + 0.7 * number) < _blink(view),
         )
         for bubble, since in self._shown.items():
             age = seconds - since
@@ -155,6 +157,30 @@ class Gestures:
             if bubble.player != name:
                 return "back" if dy > 0 else "front"
         return pose.facing
+
+
+def _calm_time(view: View) -> float:
+    """Return the time at which players last breathed or blinked.
+
+    In real time this happens with the steps, for which the window is drawn anyway. Pictures at
+    other times would cost more than half as much again.
+    """
+    seconds, step = view.seconds or 0.0, view.step_seconds
+    if step is None:
+        return seconds
+    parts = _parts(step)
+    return seconds - (view.phase - int(view.phase * parts) / parts) * step
+
+
+def _blink(view: View) -> float:
+    """Return the time for which eyes are shut: at least as long as one picture is shown."""
+    step = view.step_seconds
+    return _BLINK if step is None else max(_BLINK, step / _parts(step))
+
+
+def _parts(step: float) -> int:
+    """Return the number of pictures of calm players in a step."""
+    return max(1, round(step / _CALM))
 
 
 def _served(state: State) -> int:
