@@ -35,13 +35,13 @@ def make_strategy(pack: Pack, name: str, dataset: str) -> Strategy:
     Raises:
         UnknownNameError: No strategy has this name.
     """
-    if is_custom(name):
-        return custom_strategy(name)
     experiments = {experiment.id: experiment for experiment in pack.experiments}
     if name in experiments:
         return published_strategy(pack, experiments[name])
     if name in OWN_STRATEGIES:
         return own_strategy(pack, name, dataset)
+    if is_custom(name):
+        return custom_strategy(name)
     installed = installed_agents()
     if name in installed:
         return custom_strategy(installed[name])

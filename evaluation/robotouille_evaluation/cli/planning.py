@@ -339,7 +339,8 @@ def agent_spec(name: str, pack: Pack, model: ModelChoice) -> AgentSpec:
     """Return the agent with a name, or raise UnknownNameError."""
     if name in COMPUTED:
         return AgentSpec.model_validate({"name": name, "kind": name})
-    if name not in OWN_STRATEGIES:
+    published = any(experiment.id == name for experiment in pack.experiments)
+    if not published and name not in OWN_STRATEGIES:
         # Rows have the module and class: they stay the same if another package takes the name.
         name = installed_agents().get(name, name)
     if is_custom(name) and not asks_a_model(name):

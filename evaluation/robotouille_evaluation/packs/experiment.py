@@ -24,7 +24,10 @@ class Experiment:
     settings: Mapping[str, Any]
 
     def __post_init__(self) -> None:
-        # Files of packs may come from other people.
+        # Files of packs may come from other people. With a colon, the id of an experiment would
+        # also be the name of an agent in a Python module, which would be imported.
+        if ":" in self.id:
+            raise ValueError(f"{self.id}: the id of an experiment has no colon")
         if len(self.optimal_steps) != len(self.tasks):
             raise ValueError(
                 f"{self.id}: {len(self.tasks)} tasks, but {len(self.optimal_steps)} optimal_steps"

@@ -185,19 +185,20 @@ def read_experiment(conf: Path, path: Path) -> Experiment | None:
     if not evaluation.get("evaluate") or not tasks:
         return None
     optimal = _list(path, evaluation, "optimal_steps", int)
-    if len(optimal) != len(tasks):
-        _fail(path, f"evaluation: {len(tasks)} tasks, but {len(optimal)} optimal_steps")
     agent = str(game.get("agent_name"))
     if faults := setting_faults(agent, settings):
         raise FileError(str(path), [Fault("", fault) for fault in faults])
-    return Experiment(
-        id=path.relative_to(conf / "experiments").with_suffix("").as_posix(),
-        agent=agent,
-        tasks=tuple(tasks),
-        optimal_steps=tuple(optimal),
-        seeds=tuple(_list(path, evaluation, "testing_seeds", int)),
-        settings=settings,
-    )
+    try:
+        return Experiment(
+            id=path.relative_to(conf / "experiments").with_suffix("").as_posix(),
+            agent=agent,
+            tasks=tuple(tasks),
+            optimal_steps=tuple(optimal),
+            seeds=tuple(_list(path, evaluation, "testing_seeds", int)),
+            settings=settings,
+        )
+    except ValueError as error:
+        _fail(path, str(error))
 
 
 def _merged(conf: Path, path: Path) -> dict[str, Any]:

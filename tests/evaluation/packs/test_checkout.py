@@ -24,6 +24,7 @@ BAD = "environments/env_generator/examples/synchronous/1_bad.json"
 PLAIN = "conf/experiments/ReAct/plain.yaml"
 PROMPT = "agents/prompt_builder/prompts/ReAct/1.0.0-plain.yml"
 EXAMPLES = "agents/in_context_examples/data/synchronous/examples"
+ID_WITH_COLON = "conf/experiments/kitchen:react.yaml"
 EXAMPLE = f"{EXAMPLES}/0_toast_26.txt"
 SETTINGS_OF_A_RUN = {"log_path", "retries"}
 """Settings that the command lines of the recorded runs changed."""
@@ -160,6 +161,7 @@ def test_missing_tasks_of_experiments(tmp_path: Path) -> None:
             "${game.agent_name} refers to itself",
         ),
         ("conf/llm/base_llm.yaml", "!!python/object:os.system {}", "is not YAML"),
+        (ID_WITH_COLON, EXPERIMENT, "the id of an experiment has no colon"),
         (PROMPT, "system: 1", "expected a text"),
         (EXAMPLE, "Cheese!", "has no interaction"),
         (EXAMPLE, "Interaction 1\n---\nNothing\n", "interaction 1: no observation with an answer"),

@@ -167,13 +167,21 @@ def test_manifest_that_is_not_an_object(folder: Path, text: str) -> None:
         read_pack(folder)
 
 
-def test_experiment_without_a_constant_for_each_task_is_an_error(folder: Path) -> None:
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        ({"optimal_steps": [5]}, "2 tasks, but 1 optimal_steps"),
+        # Such an id was read as the name of an agent in a Python module, which ran.
+        ({"id": "kitchen:react"}, "kitchen:react: the id of an experiment has no colon"),
+    ],
+)
+def test_invalid_experiment_is_an_error(
+    folder: Path, change: dict[str, object], fault: str
+) -> None:
     path, manifest = folder / "experiments.json", folder / "manifest.json"
-    changed = json.loads(path.read_text())
-    changed[0]["optimal_steps"].pop()
-    path.write_text(json.dumps(changed))
+    path.write_text(json.dumps([{**json.loads(path.read_text())[0], **change}]))
     about = json.loads(manifest.read_text())
     about["files"][path.name] = sha256(path.read_bytes()).hexdigest()
     manifest.write_text(json.dumps(about))
-    with pytest.raises(FileError, match="2 tasks, but 1 optimal_steps"):
+    with pytest.raises(FileError, match=fault):
         read_pack(folder)
