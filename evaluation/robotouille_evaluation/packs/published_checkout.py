@@ -6,6 +6,7 @@ come from the user's disk, and its instances from `layouts`.
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -13,13 +14,14 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from robotouille.domain.json_files import read_json, validate
+from robotouille.domain.json_files import parse_json, read_json, validate
 from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.domain.task import build_task
 from robotouille.errors import Fault, FileError
 from robotouille.files.reading import is_file
 from robotouille_evaluation.packs.experiment import Experiment
 from robotouille_evaluation.packs.pack import (
+    ExampleEpisode,
     Examples,
     FigureData,
     Pack,
@@ -27,15 +29,19 @@ from robotouille_evaluation.packs.pack import (
     PackTask,
     Prompt,
     canonical_json,
+    fields_of,
 )
 from robotouille_evaluation.packs.published_configuration import (
-    read_examples,
+    is_encodable,
+    parse_episode,
     read_experiment,
+    read_text,
     read_yaml,
     require_inside,
 )
 from robotouille_evaluation.packs.published_figures import NOTEBOOK, read_figures
 from robotouille_evaluation.packs.published_layouts import generate_layout
+from robotouille_evaluation.packs.store import PackSize
 
 NAME = "published"
 DOMAIN = "domain/robotouille.json"
@@ -69,14 +75,15 @@ class ImportedCheckout:
 
 @dataclass(slots=True)
 class _Reading:
-    """Checkout while it is read, with missing parts and faults so far."""
+    """Checkout while it is read, with the size of its pack, missing parts and faults so far."""
 
     root: Path
+    size: PackSize
     missing: list[str] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
 
     def files(self, folder: str, pattern: str) -> list[Path]:
-        """Return the files of a folder. Missing folders and links out of the checkout are noted.
+        """Return the files of a folder, and note if it is missing or has files that are refused.
 
         Raises:
             FileError: The folder has more than `MAX_FILES` such files.
@@ -88,11 +95,13 @@ class _Reading:
             raise FileError(str(self.root / folder), [fault])
         if not found:
             self.missing.append(folder)
-        return [path for path in found if self._is_inside(path)]
+        return [path for path in found if self._is_usable(path)]
 
-    def _is_inside(self, path: Path) -> bool:
+    def _is_usable(self, path: Path) -> bool:
         try:
             require_inside(path, self.root)
+            if not is_encodable(str(path.relative_to(self.root))):
+                raise FileError(str(path), [Fault("", "the name is not UTF-8 text")])
         except FileError as error:
             self.failed(error)
             return False
@@ -102,6 +111,10 @@ class _Reading:
         """Note the faults of a file."""
         self.faults += str(error).splitlines()
 
+    def count(self, part: Prompt | ExampleEpisode | Experiment) -> None:
+        """Count a part of the pack, or raise FileError if the pack becomes too large."""
+        self.size.add(json.dumps(part, ensure_ascii=False, default=fields_of))
+
 
 def read_checkout(
     root: Path, *, seeds: Sequence[int] = SEEDS, progress: Progress | None = None
@@ -110,19 +123,19 @@ def read_checkout(
 
     Raises:
         FileError: The folder is not a checkout, is one of an unknown version, or has too many
-            files.
+            files or too large ones for a pack.
         MissingExtraError: PyYAML is not installed.
     """
     raw_domain = _domain(root)
     domain = validate(raw_domain, DomainFile, str(root / DOMAIN))
-    reading = _Reading(root)
+    reading = _Reading(root, PackSize(root))
     experiments = tuple(_experiments(reading))
     prompts = tuple(_prompts(reading))
     examples = tuple(_examples(reading))
     problems = dict(_problems(reading, domain))
     if not problems:
         raise FileError(str(root / PROBLEMS), [Fault("", "no problem of the benchmark found")])
-    tasks = tuple(_task(name, raw, experiments) for name, raw in problems.items())
+    tasks = tuple(_task(name, problem, experiments) for name, problem in problems.items())
     instances = tuple(_instances(problems, seeds, reading, progress))
     pack = Pack(
         NAME,
@@ -166,8 +179,8 @@ def _domain(root: Path) -> dict[str, Any]:
 # Problems and instances
 
 
-def _problems(reading: _Reading, domain: DomainFile) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the problems by name, data set by data set, in the order of their numbers."""
+def _problems(reading: _Reading, domain: DomainFile) -> Iterator[tuple[str, str]]:
+    """Yield the names and texts of the problems of each data set in the order of their numbers."""
     for dataset in (*DATASETS, *TRAINING):
         for path in sorted(reading.files(f"{PROBLEMS}/{dataset}", "*.json"), key=_in_order):
             try:
@@ -177,7 +190,9 @@ def _problems(reading: _Reading, domain: DomainFile) -> Iterator[tuple[str, dict
             except FileError as error:
                 reading.failed(error)
             else:
-                yield f"{dataset}/{path.stem}", raw
+                text = canonical_json(raw)
+                reading.size.add(text)
+                yield f"{dataset}/{path.stem}", text
 
 
 def _in_order(path: Path) -> tuple[float, str]:
@@ -185,7 +200,7 @@ def _in_order(path: Path) -> tuple[float, str]:
     return (float(number[0]) if number else float("inf"), path.stem)
 
 
-def _task(name: str, raw: dict[str, Any], experiments: Sequence[Experiment]) -> PackTask:
+def _task(name: str, problem: str, experiments: Sequence[Experiment]) -> PackTask:
     """Return a task with the constant of the first experiment that plays it."""
     constants = (
         (experiment.id, steps)
@@ -195,26 +210,31 @@ def _task(name: str, raw: dict[str, Any], experiments: Sequence[Experiment]) -> 
     )
     source, optimal = next(constants, ("", None))
     where = f"constant in {source}" if source else ""
-    return PackTask(name, name.partition("/")[0], canonical_json(raw), optimal, where)
+    return PackTask(name, name.partition("/")[0], problem, optimal, where)
 
 
 def _instances(
-    problems: dict[str, dict[str, Any]],
+    problems: dict[str, str],
     seeds: Sequence[int],
     reading: _Reading,
     progress: Progress | None,
 ) -> Iterator[PackInstance]:
     evaluated = [name for name in problems if name.partition("/")[0] in DATASETS]
     total, made = 2 * len(evaluated) * len(seeds), 0
-    for name, raw in problems.items():
+    for name, problem in problems.items():
+        raw = parse_json(problem, name)
         seats = len(raw.get("players", []))
-        yield PackInstance(name, name, "default", None, None, canonical_json(raw), seats)
+        reading.size.add(problem)
+        yield PackInstance(name, name, "default", None, None, problem, seats)
         for noisy in (False, True) if name in evaluated else ():
             for seed in seeds:
                 try:
-                    yield _instance(name, raw, seed, noisy)
+                    instance = _instance(name, raw, seed, noisy)
                 except FileError as error:
                     reading.failed(error)
+                else:
+                    reading.size.add(instance.problem)
+                    yield instance
                 made += 1
                 if progress is not None:
                     progress(made, total)
@@ -240,21 +260,34 @@ def _prompts(reading: _Reading) -> Iterator[Prompt]:
                 if not isinstance(text, str):
                     raise FileError(str(path), [Fault(key, "expected a text")])
             id_ = path.relative_to(reading.root / PROMPTS).with_suffix("").as_posix()
-            yield Prompt(id_, *(str(text).strip() for text in texts.values()))
+            prompt = Prompt(id_, *(str(text).strip() for text in texts.values()))
         except FileError as error:
             reading.failed(error)
+        else:
+            reading.count(prompt)
+            yield prompt
 
 
 def _examples(reading: _Reading) -> Iterator[Examples]:
     files = reading.files(EXAMPLES, "*.txt")
     for folder in dict.fromkeys(path.parent for path in files):
+        episodes = _episodes(reading, [path for path in files if path.parent == folder])
+        if episodes:
+            yield Examples(folder.relative_to(reading.root / EXAMPLES).as_posix(), episodes)
+
+
+def _episodes(reading: _Reading, paths: Sequence[Path]) -> tuple[ExampleEpisode, ...]:
+    """Return the example files of a folder, in order; none if one is invalid."""
+    episodes = []
+    for path in paths:
         try:
-            name = folder.relative_to(reading.root / EXAMPLES).as_posix()
-            yield read_examples(
-                [path for path in files if path.parent == folder], name, reading.root
-            )
+            episode = parse_episode(read_text(path, reading.root), path.stem, str(path))
         except FileError as error:
             reading.failed(error)
+            return ()
+        reading.count(episode)
+        episodes.append(episode)
+    return tuple(episodes)
 
 
 def _experiments(reading: _Reading) -> Iterator[Experiment]:
@@ -266,6 +299,7 @@ def _experiments(reading: _Reading) -> Iterator[Experiment]:
             reading.failed(error)
         else:
             if experiment is not None:
+                reading.count(experiment)
                 yield experiment
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NoReturn
@@ -20,7 +20,7 @@ from robotouille.errors import Fault, FileError, MissingExtraError
 from robotouille.files import reading
 from robotouille_evaluation.packs.experiment import Experiment
 from robotouille_evaluation.packs.experiment_settings import setting_faults
-from robotouille_evaluation.packs.pack import ExampleEpisode, Examples, ExampleStep
+from robotouille_evaluation.packs.pack import ExampleEpisode, ExampleStep
 
 
 def read_text(path: Path, root: Path) -> str:
@@ -39,6 +39,15 @@ def read_text(path: Path, root: Path) -> str:
         raise FileError(str(path), [Fault("", f"is not UTF-8 text: {error.reason}")]) from None
 
 
+def is_encodable(text: str) -> bool:
+    """Return whether UTF-8 can encode a text, which YAML and file names do not guarantee."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
 def require_inside(path: Path, root: Path) -> None:
     """Raise FileError if a path leads outside `root`, following links."""
     try:
@@ -52,16 +61,6 @@ def require_inside(path: Path, root: Path) -> None:
 HEADING = re.compile(r"^Interaction \d+\n-+\n", re.MULTILINE)
 OBSERVATION, REASONING = "Observation:", "\nReasoning:"
 PLANS = ("\nPlan:", "\nAction:")
-
-
-def read_examples(paths: Iterable[Path], name: str, root: Path) -> Examples:
-    """Return the example files below `root`, in order.
-
-    Raises:
-        FileError: A file cannot be read or is not an example.
-    """
-    episodes = (parse_episode(read_text(path, root), path.stem, str(path)) for path in paths)
-    return Examples(name, tuple(episodes))
 
 
 def parse_episode(text: str, name: str, source: str = "example") -> ExampleEpisode:
@@ -152,6 +151,8 @@ def _parsed(path: Path, text: str) -> dict[str, Any]:
                     path,
                     f"{_place(event.start_mark)}a number has more than {MAX_NUMBER} characters",
                 )
+            if isinstance(event, yaml.ScalarEvent) and not is_encodable(event.value):
+                _fail(path, f"{_place(event.start_mark)}a text has a lone surrogate")
             depth += isinstance(event, yaml.CollectionStartEvent)
             depth -= isinstance(event, yaml.CollectionEndEvent)
             if isinstance(event, yaml.AliasEvent):

@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
@@ -39,6 +40,27 @@ MAX_PACK_BYTES, MAX_PACK_VALUES = 96 * 1024 * 1024, 12_000_000
 _packs = fast_failing(TypeAdapter(Pack).core_schema)
 
 
+class PackSize:
+    """Size of a pack so far, with the limits that apply when the pack is read."""
+
+    def __init__(self, source: Path) -> None:
+        self._source = source
+        self._bytes = 0
+        self._values = 0
+
+    def add(self, text: str) -> None:
+        """Count a part of the pack in JSON, or raise FileError if the pack is too large."""
+        self._bytes += len(text) if text.isascii() else len(text.encode())
+        self._values += weight(text)
+        if self._bytes > MAX_PACK_BYTES:
+            _fail(self._source, f"the pack is larger than {MAX_PACK_BYTES:,} bytes")
+        if self._values > MAX_PACK_VALUES:
+            _fail(
+                self._source,
+                f"the pack has up to {self._values:,} values; at most {MAX_PACK_VALUES:,} are read",
+            )
+
+
 def default_folder(name: str) -> Path:
     """Return the default folder of a pack: `packs/NAME` in the working folder."""
     return Path("packs") / name
@@ -48,15 +70,19 @@ def write_pack(pack: Pack, folder: Path) -> None:
     """Write a pack to a folder completely or not at all, replacing an earlier pack.
 
     Raises:
-        FileError: The pack cannot be written, or the folder contains something else.
+        FileError: The pack is too large to be read again or cannot be written, or the folder
+            contains something else.
     """
+    texts, size = _files(pack), PackSize(folder)
+    for text in texts.values():
+        size.add(text)
     _restore(folder)
     if folder.exists() and not _replaceable(folder):
         _fail(folder, "already contains something that is not a pack; choose another folder")
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with drafted_folder(folder) as draft:
-            for name, text in _files(pack).items():
+            for name, text in texts.items():
                 (draft / name).write_bytes(text.encode())
             _put_in_place(draft, folder)
     except OSError as error:
@@ -133,15 +159,10 @@ def _replaceable(folder: Path) -> bool:
 
 def _files(pack: Pack) -> dict[str, str]:
     """Return the texts of all files, the manifest last."""
-    values: dict[str, Any] = {"domain.json": json.loads(pack.domain)}
-    for name in LISTS:
-        rows = [fields_of(part) for part in getattr(pack, name)]
-        if name in ("tasks", "instances"):
-            rows = [{**row, "problem": json.loads(row["problem"])} for row in rows]
-        values[f"{name}.json"] = rows
-    if pack.figures:
-        values[f"{OPTIONAL}.json"] = [fields_of(part) for part in pack.figures]
-    texts = {name: _text(value) for name, value in values.items()}
+    domain = json.dumps(json.loads(pack.domain), indent=1, ensure_ascii=False) + "\n"
+    texts = {"domain.json": domain}
+    for name in (*LISTS, OPTIONAL) if pack.figures else LISTS:
+        texts[f"{name}.json"] = _lines(getattr(pack, name), name in WITH_PROBLEMS)
     manifest = {
         "format": FORMAT,
         "name": pack.name,
@@ -152,12 +173,14 @@ def _files(pack: Pack) -> dict[str, str]:
     return {**texts, MANIFEST: json.dumps(manifest, indent=2, ensure_ascii=False) + "\n"}
 
 
-def _text(value: Any) -> str:
-    """Return a value as JSON, with a line for each entry of a list, so that `diff` is useful."""
-    if not isinstance(value, list):
-        return json.dumps(value, indent=1, ensure_ascii=False) + "\n"
-    rows = (json.dumps(row, ensure_ascii=False, default=fields_of) for row in value)
-    return "[\n" + ",\n".join(rows) + "\n]\n"
+def _lines(parts: Iterable[Any], with_problems: bool) -> str:
+    """Return a list as JSON, with a line for each entry, so that `diff` is useful."""
+    rows = (fields_of(part) for part in parts)
+    if with_problems:
+        # One at a time, because decoded problems take several times the memory of their texts.
+        rows = ({**row, "problem": json.loads(row["problem"])} for row in rows)
+    lines = (json.dumps(row, ensure_ascii=False, default=fields_of) for row in rows)
+    return "[\n" + ",\n".join(lines) + "\n]\n"
 
 
 def _hash(content: bytes) -> str:
@@ -208,8 +231,9 @@ def _checked(folder: Path, hashes: dict[str, str]) -> dict[str, str]:
             texts[name] = content.decode(errors="replace")
     if faults:
         raise FileError(str(folder), faults)
-    if (found := sum(map(weight, texts.values()))) > MAX_PACK_VALUES:
-        _fail(folder, f"has up to {found:,} values; at most {MAX_PACK_VALUES:,} are read")
+    size = PackSize(folder)
+    for text in texts.values():
+        size.add(text)
     return texts
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from robotouille.errors import FileError
 from robotouille_evaluation.packs.pack import ExampleStep
 from robotouille_evaluation.packs.published_checkout import read_checkout
 from robotouille_evaluation.packs.published_configuration import parse_episode
-from tests.support.checkouts import EXPERIMENT, write_checkout
+from tests.support.checkouts import EXPERIMENT, PROBLEM, write_checkout
 
 pytest.importorskip("yaml")
 
@@ -102,6 +103,14 @@ def test_growing_settings_are_refused(tmp_path: Path, text: str, words: str) -> 
     assert len(found) < 1000
 
 
+def test_texts_that_utf_8_cannot_encode_are_refused(tmp_path: Path) -> None:
+    prompts = "agents/prompt_builder/prompts"
+    text = 'system: "\\ud800"\ninstructions: x\n'
+    assert "line 1: a text has a lone surrogate" in faults(tmp_path, {f"{prompts}/x.yml": text})
+    name = f"{prompts}/\udcff.yml"
+    assert "the name is not UTF-8 text" in faults(tmp_path, {name: "system: x\ninstructions: x\n"})
+
+
 def test_number_of_files_is_limited(tmp_path: Path) -> None:
     root = write_checkout(tmp_path)
     folder = root / "environments/env_generator/examples/synchronous"
@@ -109,6 +118,22 @@ def test_number_of_files_is_limited(tmp_path: Path) -> None:
         (folder / f"{number}_copy.json").touch()
     with pytest.raises(FileError, match=r"synchronous: has more than 500 files \*\.json"):
         read_checkout(root)
+
+
+def test_instances_are_bounded_together(tmp_path: Path) -> None:
+    folder = "environments/env_generator/examples/synchronous"
+    large = json.dumps({**PROBLEM, "flooring": "x" * 4_000_000})
+    files: dict[str, str | None] = {f"{folder}/{name}.json": large for name in ("0_a", "1_b")}
+    with pytest.raises(FileError, match="the pack is larger than 100,663,296 bytes"):
+        read_checkout(write_checkout(tmp_path, files))
+
+
+def test_examples_are_bounded_together(tmp_path: Path) -> None:
+    text = f"Interaction 1\n---\nObservation: {'x' * 4_000_000}\nAction: y"
+    folder = "agents/in_context_examples/data/synchronous/examples"
+    files: dict[str, str | None] = {f"{folder}/{number}.txt": text for number in range(26)}
+    with pytest.raises(FileError, match="the pack is larger than 100,663,296 bytes"):
+        read_checkout(write_checkout(tmp_path, files), seeds=[])
 
 
 PUBLISHED = (

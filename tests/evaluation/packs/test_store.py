@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from robotouille.errors import FileError
-from robotouille_evaluation.packs.pack import Pack
+from robotouille_evaluation.packs.pack import Pack, Prompt
 from robotouille_evaluation.packs.published_checkout import read_checkout
 from robotouille_evaluation.packs.store import read_pack, write_pack
 from tests.support.checkouts import write_checkout
@@ -141,6 +141,13 @@ def test_invalid_manifest_is_an_error(folder: Path, change: dict[str, Any], word
     path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
     with pytest.raises(FileError, match=re.escape(words)):
         read_pack(folder)
+
+
+def test_pack_that_could_not_be_read_is_not_written(tmp_path: Path, pack: Pack) -> None:
+    long = Prompt("long", "\1" * 17_000_000, "Six bytes of JSON for each character.")
+    with pytest.raises(FileError, match="the pack is larger than 100,663,296 bytes"):
+        write_pack(replace(pack, prompts=(long,)), tmp_path / "large")
+    assert not (tmp_path / "large").exists()
 
 
 def replace_lists(folder: Path, content: bytes) -> None:
