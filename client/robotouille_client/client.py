@@ -29,7 +29,8 @@ from robotouille_client.sockets import open_game_socket, ping_often, server_uri
 
 DEFAULT_URL = "ws://127.0.0.1:8765"
 MAX_LISTED = 10_000
-"""Largest number of episodes in a list, as a hostile server could send pages without end."""
+MAX_LISTED_BYTES = 64 * 2**20
+"""Largest number and size of the episodes in a list. A hostile server could send pages for ever."""
 MAX_QUOTED = 100
 """Number of characters of an invalid value that an error shows."""
 
@@ -209,16 +210,19 @@ class Client:
                 own episodes.
             closed: Return instead the episodes that were closed because no player joined.
 
-        At most `MAX_LISTED` episodes are returned.
+        Once it has `MAX_LISTED` episodes or `MAX_LISTED_BYTES`, the client requests no more.
         """
         found: dict[str, messages.EpisodeInfo] = {}
+        size = 0
         request = messages.ListEpisodes(labels=dict(labels or {}), closed=closed)
         while True:
             page = await self._ask(request, messages.Episodes)
             # Episodes that open or close between two pages shift the list, so one may appear twice.
             found.update((one.episode, one) for one in page.episodes)
             skip = request.skip + len(page.episodes)
-            if not page.episodes or skip >= min(page.total, MAX_LISTED):
+            size += len(page.model_dump_json())
+            complete = not page.episodes or skip >= min(page.total, MAX_LISTED)
+            if complete or size >= MAX_LISTED_BYTES:
                 return list(found.values())
             request = request.model_copy(update={"skip": skip})
 

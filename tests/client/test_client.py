@@ -204,8 +204,11 @@ def test_http_redirect_to_an_invalid_address_is_refused(there: str) -> None:
         open_socket(HERE).process_redirect(moved)
 
 
-async def test_a_list_without_end_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(client_module, "MAX_LISTED", 250)
+@pytest.mark.parametrize(("limit", "most"), [("MAX_LISTED", 250), ("MAX_LISTED_BYTES", 60_000)])
+async def test_a_list_without_end_is_cut_off(
+    monkeypatch: pytest.MonkeyPatch, limit: str, most: int
+) -> None:
+    monkeypatch.setattr(client_module, limit, most)
     client, sent = Client("ws://127.0.0.1:1", name="ada"), 0
 
     async def page(request: messages.ListEpisodes, kind: object) -> messages.Episodes:

@@ -421,3 +421,15 @@ def test_step_rate_too_low_to_compute_with_is_refused(server: ScriptedServer, ra
     game = GameReplica(server.joined())
     with pytest.raises(ProtocolError, match="invalid step rate"):
         game.receive(server.snapshot(clock={"step_rate": rate}), 0.0)
+
+
+@pytest.mark.parametrize("role", ["player", "spectator"])
+def test_observations_of_other_seats_are_ignored(server: ScriptedServer, role: str) -> None:
+    seat = server.world.players[0] if role == "player" else None
+    game = GameReplica(server.joined(role=role, seat=seat))
+    for number in range(3):
+        game.receive(server.observation(seat=f"chef{number}"), 0.0)
+    assert (game.poll(), game.synced) == ([], False)
+    assert game.observations == {}
+    game.receive(server.observation(seat=seat), 0.0)
+    assert game.synced

@@ -206,3 +206,41 @@ def test_objects_of_servers_have_a_limited_number_of_names(codec: Codec) -> None
     tokens = {f"robot{number}": 0 for number in range(10_001)}
     with pytest.raises(ProtocolError, match="message/malformed"):
         codec.decode_server(codec.pack({**created, "tokens": tokens}))
+
+
+ROSTER = {"type": "roster", "phase": "running", "seats": []}
+SAID = {"type": "said", "step": 0, "name": "ada", "seat": "robot1", "text": "hello"}
+
+
+@pytest.mark.parametrize("codec", CODECS)
+@pytest.mark.parametrize(
+    ("message", "field", "most"),
+    [
+        (SAID, "text", 500),
+        (SAID, "name", 64),
+        (SAID, "seat", 64),
+        (SAID, "target", 64),
+        ({"type": "told", "seat": "robot1", "text": "planner 2"}, "text", 64),
+        ({"type": "told", "seat": "robot1", "text": "planner 2"}, "seat", 64),
+        ({"type": "notice", "text": "hello"}, "text", 2000),
+        ({"type": "error", "code": "", "message": "no"}, "code", 64),
+        (ROSTER, "phase", 64),
+        (ROSTER, "rematch", 64),
+    ],
+)
+def test_texts_of_servers_are_limited(
+    codec: Codec, message: dict[str, Any], field: str, most: int
+) -> None:
+    codec.decode_server(payload(codec, {**message, field: "x" * most}))
+    with pytest.raises(ProtocolError) as error:
+        codec.decode_server(payload(codec, {**message, field: "x" * (most + 1)}))
+    assert error.value.code == "message/invalid-field"
+    assert error.value.field.partition(".")[0] == field
+
+
+@pytest.mark.parametrize("field", ["name", "kind", "controller"])
+def test_texts_of_seats_are_limited(field: str) -> None:
+    roster = {**ROSTER, "seats": [{"player": "robot1", field: "x" * 65}]}
+    with pytest.raises(ProtocolError) as error:
+        MSGPACK.decode_server(payload(MSGPACK, roster))
+    assert error.value.field.startswith(f"seats.0.{field}")

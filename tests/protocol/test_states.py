@@ -80,3 +80,13 @@ def test_changes_that_do_not_fit_are_a_mismatch(changes: dict[str, object]) -> N
     with pytest.raises(ProtocolError) as error:
         reader.apply(changes)
     assert error.value.code == "state/mismatch"
+
+
+@pytest.mark.parametrize("table", ["objects", "atoms"])
+def test_repeated_objects_and_atoms_are_a_mismatch(table: str) -> None:
+    state = World("synchronous/01").initial
+    writer = StateWriter(state.world)
+    tables = writer.tables(state)
+    reader = StateReader(state.world, tables, writer.values(state))
+    with pytest.raises(ProtocolError, match="more objects or atoms than the world has"):
+        reader.apply({table: tables[table] * 9})

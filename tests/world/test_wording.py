@@ -217,3 +217,12 @@ def test_the_language_tells_what_the_stations_of_a_kitchen_are_for() -> None:
     told = Wording(world, language_of(world.task)).purposes()
     assert [kind for kind, _ in told] == ["hatch", "crate", "bin", "board", "table"]
     assert Wording(world, Language()).purposes() == ()
+
+
+@pytest.mark.parametrize(
+    ("predicate", "objects"), [("item_on", ()), ("item_on", ("pot1",) * 3), ("sings", ("pot1",))]
+)
+def test_conditions_that_the_domain_does_not_have_keep_their_text(
+    predicate: str, objects: tuple[str, ...]
+) -> None:
+    assert WORDS.reason(condition(predicate, *objects), START) == "as the domain says it"

@@ -499,6 +499,9 @@ class GameReplica:
         self._sent.settle(seat, seq, ActResult.of(step, only_words(*reasons)), aged=not reasons)
 
     def _observe(self, message: messages.Observation, now: float) -> None:
+        seat = message.seat or self.seat
+        if seat not in (self.own_seats or (None,)):
+            return  # A hostile server could name a new seat in each observation.
         if self.has_state:
             # With the view `both`, an observation of a later step means that deltas are missing.
             if message.step > self.step and not self._resyncing:
@@ -508,7 +511,6 @@ class GameReplica:
         else:
             self.step, self.turn, self.phase = message.step, message.turn, message.phase
             self.step_time = now
-        seat = message.seat or self.seat
         self._observed[seat] = observed = ObservationReceived(
             message.step, message.text, tuple(message.actions), message.turn, seat
         )

@@ -322,6 +322,10 @@ class StateReader:
         for predicate, *arguments in atoms:
             name = special[predicate] if predicate < 0 else self._predicates[predicate]
             self._atoms.append(bit[(name, *(self._objects[i] for i in arguments))])
+        # A hostile server could repeat objects and atoms in every delta.
+        world = self.world
+        if len(self._objects) > len(world.all_objects()) or len(self._atoms) > len(bit):
+            raise ValueError("more objects or atoms than the world has")
 
     def _mask(self, positions: Iterable[int]) -> int:
         mask = 0

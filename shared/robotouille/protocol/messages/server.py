@@ -9,17 +9,20 @@ from pydantic import Field, TypeAdapter
 from robotouille.episode.lifecycle import Phase
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille.protocol.messages.values import (
+    ChatText,
     EpisodeInfo,
     FromServer,
     Identifier,
     Known,
     NodeAddress,
+    NoticeText,
     OutcomeRow,
     Pause,
     Ref,
     RulesRow,
     SeatAnswer,
     SeatInfo,
+    ShownName,
     Token,
     Why,
     WorkerAddress,
@@ -146,7 +149,7 @@ class Joined(FromServer):
     seat: str | None = Field(
         default=None, description="The client's first seat; null for spectators."
     )
-    name: str = Field(default="", description="The participant's name in this episode.")
+    name: ShownName = Field(default="", description="The participant's name in this episode.")
     seq: int = Field(
         default=0,
         description="The seat's last sequence number, or the highest one of several seats. The "
@@ -255,7 +258,7 @@ class Snapshot(FromServer):
     said: int = Field(default=0, description="Number of chat messages so far.")
     seats: list[SeatInfo] = Field(description="The seats.")
     spectators: int = Field(default=0, description="Number of spectators.")
-    spectator_names: list[str] = Field(
+    spectator_names: list[ShownName] = Field(
         default=[], description="Names of the first eight spectators, in order of arrival."
     )
     outcome: OutcomeRow | None = Field(
@@ -354,7 +357,7 @@ class Rejected(FromServer):
         default=[], description="The same reasons as data, in the same order; may be empty."
     )
     code: Known[ErrorCode] = Field(default=ErrorCode.ACTION_INVALID, description="An error code.")
-    seat: str = Field(
+    seat: ShownName = Field(
         default="", description="The seat that acted; empty if the client has one seat."
     )
 
@@ -369,11 +372,11 @@ class Said(FromServer):
     number: int = Field(
         default=0, description="The message's number in the episode, counted from 1."
     )
-    name: str = Field(description="The sender's name.")
-    seat: str = Field(default="", description="The sender's seat; empty for a spectator.")
-    text: str = Field(description="The message.")
-    intent: str = Field(default="", description="The intent, if the message is a signal.")
-    target: str = Field(default="", description="The object that the signal points at.")
+    name: ShownName = Field(description="The sender's name.")
+    seat: ShownName = Field(default="", description="The sender's seat; empty for a spectator.")
+    text: ChatText = Field(description="The message.")
+    intent: ShownName = Field(default="", description="The intent, if the message is a signal.")
+    target: ShownName = Field(default="", description="The object that the signal points at.")
 
 
 class Told(FromServer):
@@ -383,15 +386,15 @@ class Told(FromServer):
     """
 
     type: Literal["told"] = "told"
-    seat: str = Field(description="The sender's seat.")
-    text: str = Field(description="The text.")
+    seat: ShownName = Field(description="The sender's seat.")
+    text: ShownName = Field(description="The text.")
 
 
 class Notice(FromServer):
     """A message from the server's operator to everybody in the episode."""
 
     type: Literal["notice"] = "notice"
-    text: str = Field(description="The message.")
+    text: NoticeText = Field(description="The message.")
 
 
 class Roster(FromServer):
@@ -414,10 +417,10 @@ class Roster(FromServer):
         default=None, description="Seconds until the episode starts, during the countdown."
     )
     spectators: int = Field(default=0, description="Number of spectators.")
-    spectator_names: list[str] = Field(
+    spectator_names: list[ShownName] = Field(
         default=[], description="Names of the first eight spectators, in order of arrival."
     )
-    rematch: str = Field(
+    rematch: ShownName = Field(
         default="", description="The code of the rematch, if a participant has created one."
     )
 

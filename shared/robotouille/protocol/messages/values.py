@@ -37,6 +37,11 @@ Ref = Annotated[
     Annotated[int, Field(ge=0, le=2**31 - 1)] | None,
     Field(description="Request number chosen by the client; the answer or error repeats it."),
 ]
+# Clients keep these texts of a server, and a hostile server could fill their memory.
+ShownName = Annotated[str, Field(max_length=64)]
+"""Name in a server's message, possibly empty."""
+ChatText = Annotated[str, Field(max_length=500)]
+NoticeText = Annotated[str, Field(max_length=2000)]
 Kind = Literal["human", "bot", "model"]
 View = Literal["state", "text", "both"]
 LabelName = Annotated[str, Field(min_length=1, max_length=64, pattern=PRINTABLE)]
@@ -70,7 +75,7 @@ E = TypeVar("E", bound=StrEnum)
 ByValue = Annotated[E, Field(strict=False)]
 """Enumeration member, sent as its value."""
 Known = Annotated[
-    ByValue[E] | str, Field(union_mode="left_to_right"), WithJsonSchema({"type": "string"})
+    ByValue[E] | ShownName, Field(union_mode="left_to_right"), WithJsonSchema({"type": "string"})
 ]
 """Enumeration member if this version knows the value, otherwise the text as received."""
 
@@ -123,8 +128,10 @@ class SeatInfo(FromServer):
     """A seat and the participant who plays it."""
 
     player: Identifier = Field(description="The player that this seat moves, such as `robot1`.")
-    name: str = Field(default="", description="The participant's name; empty if the seat is free.")
-    kind: str = Field(
+    name: ShownName = Field(
+        default="", description="The participant's name; empty if the seat is free."
+    )
+    kind: ShownName = Field(
         default="",
         description="The participant's kind: `human`, `bot` or `model`; empty if the seat is free.",
     )

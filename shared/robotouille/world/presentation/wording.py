@@ -261,7 +261,7 @@ class Wording:
 
     def reason(self, unmet: Unmet, state: State) -> str:
         """Return what is missing for an action, in its way, or to be done first."""
-        if unmet.kind is UnmetKind.CONDITION and unmet.predicate:
+        if unmet.kind is UnmetKind.CONDITION and self._is_fact(unmet):
             return self._condition(unmet, state)
         if unmet.kind is UnmetKind.MISSING and unmet.objects:
             return f"{self._known(unmet.objects, state)[0]} is not there"
@@ -271,6 +271,11 @@ class Wording:
         if unmet.kind is UnmetKind.TURN and unmet.objects:
             return f"it is {self._known(unmet.objects, state)[0]}'s turn"
         return unmet.words
+
+    def _is_fact(self, unmet: Unmet) -> bool:
+        """Return whether a condition is one of the domain. A faulty server may send any other."""
+        types = self.world.table.types.get(unmet.predicate)
+        return types is not None and len(types) == len(unmet.objects)
 
     def _condition(self, unmet: Unmet, state: State) -> str:
         called = self._known(unmet.objects, state, predicate=unmet.predicate)
