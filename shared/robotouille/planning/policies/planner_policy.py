@@ -28,26 +28,24 @@ from robotouille.domain.rendering import NO_WORDS, Language
 from robotouille.domain.task import Timing
 from robotouille.planning.plan import Plan, SearchResult
 from robotouille.planning.policies.agenda import Agenda, Aim, OneGoal
-from robotouille.planning.policies.aside import after, held_by, holds, put_down
+from robotouille.planning.policies.aside import holds
+from robotouille.planning.policies.company import Company
 from robotouille.planning.policies.conversation import Conversation
 from robotouille.planning.policies.courtesy import Courtesy
 from robotouille.planning.policies.deliberation import Deliberation
+from robotouille.planning.policies.making_way import MakingWay
 from robotouille.planning.policies.plan_watch import (
     PastStep,
     PlanBase,
     PlanWatch,
     Situation,
-    Teammates,
     facts_about,
-    facts_apart_from,
     situation,
 )
 from robotouille.planning.policies.policy import Did, Script, Speech, does_something
 from robotouille.planning.policies.standing import (
     leads_to,
     standing_at,
-    walks_aside,
-    walks_out_of_the_way,
 )
 from robotouille.planning.policies.team_plan import (
     EXPANSIONS,
@@ -83,12 +81,6 @@ RECENT = 25
 
 MAX_WORKED = 64
 """Number of actions of other participants that are remembered."""
-
-POLITE = 3
-"""Steps for which a seat waits for participants outside the team before it makes way for them."""
-
-UNBURDENED = 12
-"""Steps of waiting for participants after which a seat puts down what it holds in real time."""
 
 PENSIVE = 2
 """Steps of planning without another action after which a seat makes way."""
@@ -133,12 +125,8 @@ class PlannerPolicy:
         agenda: Agenda | None = None,
         start: State | None = None,
     ) -> None:
-        alone = options.alone
         self.player = player
-        self._random = random.Random(f"{options.seed}:{player}")
-        self._team = {player} if alone else set(world.players)
-        self._unlike: set[str] = set()
-        self._known: Mapping[str, str] = {}
+        self._company = Company(player, world.players, alone=options.alone)
         self._only = len(world.players) == 1
         self._punctual = world.task.timing is Timing.BENCHMARK
         # This is a guess until `meet` sets the clock: real-time games use the timing `people`.
@@ -146,7 +134,7 @@ class PlannerPolicy:
         self._lockstep = False
         self._agenda = agenda or OneGoal(anytime or AnytimePlanner(World(world.task)))
         self._aims: dict[AnytimePlanner, Aim] = {}
-        self._silent = alone or self._only
+        self._silent = options.alone or self._only
         self._options = options
         self._world = world
         self._state = start
@@ -163,10 +151,9 @@ class PlannerPolicy:
         self._retry = RETRY
         self._unprocessed: deque[PastStep] = deque()
         self._worked: deque[tuple[int, str]] = deque(maxlen=MAX_WORKED)
-        # Objects that were laid down while waiting, and the facts about the rest of the kitchen.
-        self._laid_down: tuple[list[str], int] = [], 0
-        self._step = self._waited = 0
-        self._courtesy = Courtesy(player, self._step_aside)
+        self._step = 0
+        self._way = MakingWay(player, random.Random(f"{options.seed}:{player}"))
+        self._courtesy = Courtesy(player, self._way.step_aside)
         self._drop_plan()
 
     # Events, which arrive in the same order at every seat
@@ -182,35 +169,26 @@ class PlannerPolicy:
         self._hurried = clock == "realtime"
         if self._silent:
             return
-        before, self._known = self._known, dict(kinds)
-        for player, kind in kinds.items():
-            if player == self.player or kind == before.get(player, "bot"):
-                continue
-            self._unlike.discard(player)
-            if kind == "bot":
-                self._team.add(player)
-            elif kind:
-                self._leave_out({player})
+        if self._company.meet(kinds):
+            self._drop_plan()
 
     def hear(self, player: str, speech: Speech) -> None:
         """Process a bot's announcement of its version, or a request."""
         if speech.to_bots:
             self._hear_version(player, announced_version(speech.text))
-        elif player not in self._team and self._state is not None:
+        elif player not in self._company.team and self._state is not None:
             signal = self._talk.meaning(speech, self._state)
             if signal is not None:
                 self._heed(player, signal, self._state)
 
     def _hear_version(self, player: str, version: int | None) -> None:
         if version == VERSION:
-            self._unlike.discard(player)
-            self._team |= {p for p in self._world.players if self._counted_on(p)}
+            self._company.add_alike(player)
             # Before the first step there is no plan to replace.
             if self._step:
                 self._drop_plan()
-        elif version is not None:
-            self._unlike.add(player)
-            self._leave_out({player})
+        elif version is not None and self._company.leave_out_unlike(player):
+            self._drop_plan()
 
     def _heed(self, player: str, signal: Signal, state: State) -> None:
         self._courtesy.asked(signal, state, self._step)
@@ -227,10 +205,9 @@ class PlannerPolicy:
         self._step += 1
         own = [(player, self._own(action), applied) for player, action, applied in did]
         for each, action, applied in own:
-            works = applied and each == self.player and action.destination is None
-            if works and set(self._laid_down[0]).isdisjoint(action.arguments):
-                self._laid_down = [], 0  # Other work may have opened a way.
-            if applied and each not in self._team and does_something(action):
+            if applied and each == self.player and action.destination is None:
+                self._way.worked_with(action.arguments)
+            if applied and each not in self._company.team and does_something(action):
                 self._talk.allow_repetition()
                 if action.destination is None:
                     self._worked.append((self._step, each))
@@ -254,13 +231,13 @@ class PlannerPolicy:
                 self._drop_plan(past)
                 return
             self._steps_left -= 1
-            verdict = watch.check(past, self._teammates)
+            verdict = watch.check(past, self._company.teammates(hurried=self._hurried))
             if verdict.way_is_free:
                 self._talk.give_thanks()
                 self._talk.clear_requests()
             if self.player in verdict.without:
                 self._talk.announce()
-            self._team -= verdict.without - {self.player}
+            self._company.leave_out(verdict.without)
             if not verdict.keep:
                 self._drop_plan(past)
             elif verdict.unused and self._pursued is not None:
@@ -271,16 +248,11 @@ class PlannerPolicy:
         """Return what this seat says since the last call."""
         state, watch = self._state, self._followed
         if state is not None and watch is not None and not state.goal_reached:
-            self._talk.answer(watch.script, state, self._team)
-            # Only the first seat of a team asks, so that no request is sent twice.
-            if self.player == min(self._team):
-                self._talk.ask_for_help(watch, state, self._step, self._team, self._outsiders)
-        others = (p for p in self._world.players if p != self.player)
-        among_bots = any(self._known.get(player, "bot") == "bot" for player in others)
-        return self._talk.speak(among_bots=among_bots)
-
-    def _counted_on(self, player: str) -> bool:
-        return player not in self._unlike and self._known.get(player, "bot") in ("bot", "")
+            self._talk.answer(watch.script, state, self._company.team)
+            if self._company.spokesman:
+                team, others = self._company.team, self._company.outsiders
+                self._talk.ask_for_help(watch, state, self._step, team, others)
+        return self._talk.speak(among_bots=self._company.has_bots())
 
     def _own(self, action: GroundAction) -> GroundAction:
         """Return an action of another copy of the world as an action of this one."""
@@ -317,8 +289,8 @@ class PlannerPolicy:
         # Members who join know nothing of earlier steps, so only plans after a check count them.
         idle = {} if past is None or self._watch is None else self._watch.idle
         if state is not None:
-            self._needed = PlanBase(step, state, facts_about(self._outsiders, state), idle)
-        self._waited = 0
+            self._needed = PlanBase(step, state, facts_about(self._company.outsiders, state), idle)
+        self._way.waited = 0
 
     def _observe_outdated(self, did: Did) -> None:
         """Let the script of a dropped plan, which the seat follows during planning, go on."""
@@ -345,13 +317,6 @@ class PlannerPolicy:
             )
         return known
 
-    def _leave_out(self, players: set[str]) -> None:
-        """Stop counting on some players."""
-        players = players & self._team - {self.player}
-        if players:
-            self._team -= players
-            self._drop_plan()
-
     # Actions of the seat
 
     def act(self, state: State) -> GroundAction | None:
@@ -373,13 +338,13 @@ class PlannerPolicy:
                 self._improve_together(state, self._pursued)
         action = self._scripted(state)
         if action is not None and self._courtesy.refrains(action, state, self._step):
-            return self._step_aside(state)
+            return self._way.step_aside(state)
         if action is None and self._is_idle(state):
-            return self._step_aside(state)
+            return self._way.step_aside(state)
         if self._watch is not None and self._waits_for_others(self._watch, state, action):
-            self._waited += 1
-            return self._make_way(state)
-        self._waited = 0
+            self._way.waited += 1
+            return self._way.act(state, self._company.team, hurried=self._hurried)
+        self._way.waited = 0
         self._announce_actions(action)
         return action
 
@@ -424,7 +389,7 @@ class PlannerPolicy:
         if self._deliberation is not None:
             # A seat that plans again still waits for what its last plan relies on.
             return not self.has_plan
-        if script is None or self._waited or self._courtesy.at_work(self._step):
+        if script is None or self._way.waited or self._courtesy.at_work(self._step):
             return True
         if self._watch is not None and self._would_take_in_vain(self._watch, state):
             return True
@@ -451,19 +416,15 @@ class PlannerPolicy:
         # An object in hand would keep the seat from other work.
         if not self._hurried or holds(state, self.player):
             return False
-        if watch.assumption is not Assumption.TEAM and self._takes_back(watch.script, state):
+        if watch.assumption is Assumption.TEAM:
+            return False
+        action = watch.script.non_move_action(self.player)
+        if action is not None and self._way.takes_back(action, state, self._company.team):
             return True
         if watch.assumption is not Assumption.OTHERS_ASIDE:
             return False
-        return station_in_the_way(watch.script.errand(), state, self._outsiders) is not None
-
-    def _takes_back(self, script: Script, state: State) -> bool:
-        """Return whether the seat would take what it had to lay down, though nothing changed."""
-        laid_down, elsewhere = self._laid_down
-        action = script.non_move_action(self.player)
-        if action is None or set(laid_down).isdisjoint(action.arguments):
-            return False
-        return facts_apart_from({*self._team, *laid_down}, state) == elsewhere
+        others = self._company.outsiders
+        return station_in_the_way(watch.script.errand(), state, others) is not None
 
     def _act_meanwhile(self, state: State) -> GroundAction | None:
         """Return an action during planning: one of the last plan, or a walk out of the way."""
@@ -475,8 +436,9 @@ class PlannerPolicy:
             if action is not None and not self._waits_for_others(watch, state, action):
                 return action
         # Most decisions end in the next step, for which a walk would take too long.
-        self._waited += 1
-        return self._step_aside(state) if self._outsiders and self._waited >= PENSIVE else None
+        self._way.waited += 1
+        may_go = self._company.outsiders and self._way.waited >= PENSIVE
+        return self._way.step_aside(state) if may_go else None
 
     def _deliberate(self, base: PlanBase) -> Deliberation:
         tried = self._in_vain.get(situation(base.state), 0)
@@ -485,7 +447,7 @@ class PlannerPolicy:
         def decide(aim: Aim) -> TeamDecision:
             return aim.planner.decide(
                 base.state,
-                self._team,
+                self._company.team,
                 hurried=self._hurried,
                 tried=tried,
                 working=working,
@@ -522,7 +484,7 @@ class PlannerPolicy:
         helpless = stuck and self._pursued is not None
         self._retry = min(2 * self._retry, MAX_RETRY) if helpless else RETRY
         lasting = self._world.shift is None
-        if helpless and lasting and self._outsiders and self.player == min(self._team):
+        if helpless and lasting and self._company.outsiders and self._company.spokesman:
             self._talk.report_no_plan()
         self._watch = PlanWatch(
             made,
@@ -549,14 +511,14 @@ class PlannerPolicy:
 
     def _is_worth_improving(self, result: SearchResult) -> bool:
         """Return whether a search for a shorter plan may pay off."""
-        if self._only or len(self._team) == 1 or not self._lockstep:
+        if self._only or len(self._company.team) == 1 or not self._lockstep:
             return self._only and not result.optimal
         # Without a bound, such as for three players, a team would search again and again in vain.
         return result.bound > 0 and self._steps_left > NEAR * result.bound
 
     def _improve_together(self, state: State, aim: Aim) -> None:
         """Search for a shorter remaining plan. All bots of the team do so in the same step."""
-        team = tuple(sorted(self._team))
+        team = tuple(sorted(self._company.team))
         found = aim.search.once(state, team, aim.planner.effort(team), after=self._step)
         if found.plan is not None and len(found.plan) < self._steps_left:
             self._follow_instead(found.plan, state)
@@ -569,7 +531,7 @@ class PlannerPolicy:
 
     def _part_of(self, plan: Plan, base: State) -> Script:
         """Return this seat's part of a new plan."""
-        direct = self._hurried and bool(self._outsiders)
+        direct = self._hurried and bool(self._company.outsiders)
         self._steps_left = len(plan)
         if self._pursued is not None:
             base = self._pursued.anytime.in_model(base)
@@ -577,33 +539,17 @@ class PlannerPolicy:
 
     # Participants outside the team
 
-    @property
-    def _outsiders(self) -> list[str]:
-        return [p for p in self._world.players if p not in self._team]
-
-    @property
-    def _teammates(self) -> Teammates:
-        others = self._outsiders
-        among_bots = any(self._known.get(p, "bot") in ("bot", "") for p in others)
-        return Teammates(self._team, others, among_bots=among_bots, hurried=self._hurried)
-
     def _is_idle(self, state: State) -> bool:
         """Return whether the seat has nothing to do and may be in the way of others."""
         if self._only or self._script is None or not self._script.finished:
             return False
-        return bool(self._outsiders)
-
-    def _step_aside(self, state: State) -> GroundAction | None:
-        """Return a walk to an empty place, or None if the seat is at one."""
-        walks = walks_aside(state, self.player)
-        # The place is random, because two bots would otherwise step aside to the same one.
-        return self._random.choice(walks) if walks else None
+        return bool(self._company.outsiders)
 
     def _waits_for_others(
         self, watch: PlanWatch, state: State, action: GroundAction | None
     ) -> bool:
         """Return whether a plan makes the seat wait for participants outside the team."""
-        others = self._outsiders
+        others = self._company.outsiders
         if not others or watch.script.finished:
             return False
         if self._would_take_in_vain(watch, state):
@@ -615,23 +561,10 @@ class PlannerPolicy:
         due = script.due(self.player, state) if action is None else None
         return due is not None and leads_to(due, {standing_at(state, p) for p in others})
 
-    def _make_way(self, state: State) -> GroundAction | None:
-        """Return what to do after some steps of waiting: step aside, then put down what is held."""
-        if self._hurried and self._waited >= UNBURDENED:
-            # The next plan begins with other work, or takes the object again.
-            for action in put_down(state, self.player)[:1]:
-                held = held_by(state, self.player)
-                apart = {*self._team, *held}
-                self._laid_down = held, facts_apart_from(apart, after(state, action))
-                return action
-        walks = walks_out_of_the_way(state, self.player) if self._waited >= POLITE else []
-        return self._random.choice(walks) if walks else None
-
     def _announce_actions(self, action: GroundAction | None) -> None:
         """Announce the seat's next actions to participants who cannot compute them."""
         if action is None or self._script is None or action.destination is None:
             return
-        others = [p for p in self._outsiders if self._known.get(p) in ("human", "model", "bot")]
         may = self._talk.may_announce_actions(self._step, hurried=self._hurried)
-        if others and self._state is not None and may:
+        if may and self._state is not None and self._company.has_listeners():
             self._talk.announce_script(self._script, self._state, self._step)
