@@ -10,18 +10,19 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from io import FileIO
 from pathlib import Path
 from types import TracebackType
+from typing import IO
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from robotouille.errors import Fault, FileError, RobotouilleError
-from robotouille.files.reading import read_bytes
-from robotouille.files.writing import open_own, replace_file
+from robotouille.files.reading import open_regular
+from robotouille.files.writing import open_own
 from robotouille_evaluation.agents.proposal import Complete, ContextOverflow
 from robotouille_evaluation.models import (
     Completion,
@@ -60,8 +61,8 @@ def append_line(file: FileIO, line: bytes) -> None:
 
 
 OVERFLOW = "overflow"
-MAX_BYTES = 1 << 29
-"""Bytes of a file."""
+MAX_LINE_BYTES = 8 << 20
+"""Bytes of a line. JSON has up to six bytes for each of the `MAX_ANSWER_BYTES` of an answer."""
 MAX_TOKENS = 10**12
 """Most tokens of one call. Larger numbers show that the file is damaged."""
 
@@ -100,16 +101,20 @@ class _Call(BaseModel):
 class CallJournal:
     """Calls of one player in an episode, in order, in a file of JSON lines.
 
+    Recorded calls are read one at a time: a run may come from anyone, and its files may be long.
+
     Raises:
         FileError: The file cannot be read or written.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._next = 0
+        self._line = self._end = 0
+        """Number of the last answered call, and the offset of the next one."""
         self._file: FileIO | None = None
-        self._kept: list[_Call] = []
-        self._kept = self._read()
+        self._recorded: IO[bytes] | None = None
+        with suppress(FileNotFoundError), self._reading():
+            self._recorded = open_regular(path)
 
     def __enter__(self) -> CallJournal:
         return self
@@ -128,70 +133,78 @@ class CallJournal:
         If the request differs from the recorded one, the rest of the journal belongs to another
         course of the episode and is dropped.
         """
-        if self._next >= len(self._kept):
-            return None
-        call = self._kept[self._next]
-        # For example, the strategy was changed between two plays.
-        if call.request != digest(request):
-            del self._kept[self._next :]
-            self._rewrite()
-            return None
-        self._next += 1
-        return call.completion or OVERFLOW
+        line = self._next_line()
+        if line.endswith(b"\n"):
+            try:
+                call = _Call.model_validate_json(line, strict=True)
+            except ValidationError:
+                raise self._fault("not a model call") from None
+            # For example, the strategy was changed between two plays.
+            if call.request == digest(request):
+                self._line, self._end = self._line + 1, self._end + len(line)
+                return call.completion or OVERFLOW
+        self._drop_rest()
+        return None
 
     def keep(self, request: ModelRequest, completion: Completion | None) -> None:
         """Record an answer, or None for a too long request, and return when it is on the disk."""
+        self._drop_rest()
         # The values are not validated, because they were made here and validation costs time.
         call = _Call.model_construct(
             request=digest(request), overflow=completion is None, completion=completion
         )
-        self._kept.append(call)
-        self._next = len(self._kept)
+        with self._writing() as file:
+            append_line(file, call.line())
+
+    def close(self) -> None:
+        """Close the file."""
+        for file in (self._file, self._recorded):
+            if file is not None:
+                file.close()
+        self._file = self._recorded = None
+
+    def _next_line(self) -> bytes:
+        """Return the line of the next call, which a kill may have truncated; empty at the end."""
+        if self._recorded is None:
+            return b""
+        with self._reading():
+            line = self._recorded.readline(MAX_LINE_BYTES + 1)
+        if len(line) > MAX_LINE_BYTES:
+            raise self._fault(f"is longer than {MAX_LINE_BYTES:,} bytes")
+        return line
+
+    def _drop_rest(self) -> None:
+        """Truncate the file after the last answered call."""
+        if self._recorded is None:
+            return
+        self._recorded.close()
+        self._recorded = None
+        with self._writing() as file:
+            file.truncate(self._end)
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        try:
+            yield
+        except FileNotFoundError:
+            raise
+        except OSError as error:
+            fault = Fault("", f"cannot be read: {error.strerror}")
+            raise FileError(str(self._path), [fault]) from None
+
+    @contextmanager
+    def _writing(self) -> Iterator[FileIO]:
         try:
             if self._file is None:
                 self._path.parent.mkdir(parents=True, exist_ok=True)
                 self._file = FileIO(self._path, "ab", opener=open_own)
-            append_line(self._file, call.line())
+            yield self._file
         except OSError as error:
-            raise self._unwritable(error) from None
-
-    def close(self) -> None:
-        """Close the file."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
-
-    def _read(self) -> list[_Call]:
-        try:
-            content = read_bytes(self._path, MAX_BYTES)
-        except FileNotFoundError:
-            return []
-        except OSError as error:
-            fault = Fault("", f"cannot be read: {error.strerror}")
+            fault = Fault("", f"cannot be written: {error.strerror}")
             raise FileError(str(self._path), [fault]) from None
-        calls = []
-        whole = content[: content.rfind(b"\n") + 1]
-        for number, line in enumerate(whole.split(b"\n")[:-1], start=1):
-            try:
-                calls.append(_Call.model_validate_json(line, strict=True))
-            except ValidationError:
-                raise FileError(
-                    str(self._path), [Fault(f"line {number}", "not a model call")]
-                ) from None
-        if whole != content:
-            self._kept = calls
-            self._rewrite()
-        return calls
 
-    def _rewrite(self) -> None:
-        self.close()
-        try:
-            replace_file(self._path, b"".join(call.line() for call in self._kept))
-        except OSError as error:
-            raise self._unwritable(error) from None
-
-    def _unwritable(self, error: OSError) -> FileError:
-        return FileError(str(self._path), [Fault("", f"cannot be written: {error.strerror}")])
+    def _fault(self, what: str) -> FileError:
+        return FileError(str(self._path), [Fault(f"line {self._line + 1}", what)])
 
 
 def digest(request: ModelRequest) -> str:

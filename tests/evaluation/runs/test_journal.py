@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -73,8 +74,28 @@ def test_truncated_line_is_removed(tmp_path: Path) -> None:
 def test_invalid_journal_is_an_error(tmp_path: Path, line: str) -> None:
     path = tmp_path / "a.jsonl"
     path.write_text(f"{line}\n")
-    with pytest.raises(FileError, match=r"a\.jsonl.*line 1"):
-        CallJournal(path)
+    with CallJournal(path) as journal, pytest.raises(FileError, match=r"a\.jsonl.*line 1"):
+        journal.answered(request("one"))
+
+
+def test_calls_are_read_one_at_a_time(tmp_path: Path) -> None:
+    """A received journal of 300 MB of short lines took more than 5 GB of memory."""
+    path = tmp_path / "a.jsonl"
+    path.write_bytes(b'{"request":"","overflow":true}\n' * 300_000)
+    tracemalloc.start()
+    with CallJournal(path) as journal:
+        assert journal.answered(request("one")) is None
+        _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 1_000_000
+    assert path.read_bytes() == b""
+
+
+def test_too_long_line_is_an_error(tmp_path: Path) -> None:
+    path = tmp_path / "a.jsonl"
+    path.write_bytes(b" " * 9_000_000)
+    with CallJournal(path) as journal, pytest.raises(FileError, match="longer than 8,388,608"):
+        journal.answered(request("one"))
 
 
 def test_prompts_are_stored_as_hashes(tmp_path: Path) -> None:
