@@ -19,7 +19,12 @@ from robotouille.planning import read_plan
 from robotouille.protocol.messages import SeatInfo
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
-from robotouille_client.sansio.game_events import ActRejected, Announced, StateChanged
+from robotouille_client.sansio.game_events import (
+    ActRejected,
+    Announced,
+    ChatReceived,
+    StateChanged,
+)
 from robotouille_client.window.replay import workers
 from robotouille_client.window.replay.histories import live_history as live
 from robotouille_client.window.replay.histories.history import EntryKind
@@ -119,6 +124,33 @@ def test_the_log_uses_the_viewers_words(history: LiveHistory) -> None:
     own = LiveHistory(history._game, lambda: 0.0, language)
     take(own, 2)
     assert "Tisch" in str(own.entries(2))
+
+
+def test_endless_texts_in_one_step_replace_older_ones(
+    history: LiveHistory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live, "MAX_CHARACTERS", 10_000)
+    player = history.world.players[0]
+    for number in range(300):
+        history.observe(ChatReceived("ada", player, f"{number} {'x' * 400}"))
+        history.observe(Announced(f"{number} {'x' * 400}"))
+        history.observe(ActRejected(1, 0, f"{number} {'y' * 400}", only_words("no"), "", player))
+    logged, said = history.entries(0), history.chat(0, 999)
+    assert 9 <= len(logged) <= 20
+    assert {entry.words[:4] for entry in logged[-3:]} == {"299 "}
+    assert 6 <= len(said) <= 40
+    assert 3 <= len(history.interludes) <= 20
+    assert said[-1][1].startswith("299 ")
+
+
+def test_long_texts_are_cut(history: LiveHistory) -> None:
+    player = history.world.players[0]
+    reasons = only_words(*["z" * 10_000] * 100)
+    history.observe(ActRejected(1, 0, "y" * 10_000, reasons, "", player))
+    history.observe(Announced("x" * 10_000))
+    rejected, announced = history.entries(0)
+    assert (len(rejected.words), len(announced.words)) == (500, 500)
+    assert sum(map(len, rejected.reasons)) <= 16 * 500
 
 
 # The viewer

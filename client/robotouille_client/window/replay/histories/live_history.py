@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from robotouille.domain.rendering import Language, language_of
 from robotouille.episode import Clock, Controller
@@ -33,6 +33,12 @@ from robotouille_client.window.view import SeatView
 # Maximum number of states kept. In longer games, the oldest are dropped.
 MAX_STATES = 20_000
 _FORGOTTEN_AT_ONCE = 1000
+# Maximum number of characters in the log. Beyond it, the older half of the texts is dropped.
+MAX_CHARACTERS = 16 * 2**20
+# Characters for which an event without words counts.
+_EVENT_CHARACTERS = 100
+# Maximum number of reasons of an event, and of characters in each text. Servers send any number.
+_MAX_REASONS, _MAX_TEXT = 16, 500
 
 
 class LiveHistory(History):
@@ -56,6 +62,7 @@ class LiveHistory(History):
         self._states: list[State] = []
         self._seats: list[tuple[SeatView, ...]] = []
         self._entries: dict[int, list[Entry]] = defaultdict(list)
+        self._characters = 0
         self._rejected = self._rejections()
         self._turn = game.turn
         self._paused = False
@@ -95,9 +102,10 @@ class LiveHistory(History):
                 target = "" if event.signal is None else event.signal.target
                 self._note(EntryKind.SAID, event.text, event.seat, target)
             case Announced():
-                self._said.append((self.length, "", event.text))
-                self._note(EntryKind.ANNOUNCED, event.text)
-                self.interludes.append(Interlude(self.length, f"The operator: {event.text}"))
+                text = event.text[:_MAX_TEXT]
+                self._said.append((self.length, "", text))
+                self.interludes.append(Interlude(self.length, f"The operator: {text}"))
+                self._note(EntryKind.ANNOUNCED, text)
             case ActRejected() if event.seat:
                 self._reject(event)
             case RosterChanged():
@@ -107,18 +115,42 @@ class LiveHistory(History):
             case GameEnded() if event.outcome:
                 self._note(EntryKind.ENDED, outcome_words(event.outcome))
 
-    def _note(self, kind: EntryKind, words: str, player: str = "", target: str = "") -> None:
-        entry = Entry(self.length, kind, player, words, target=target)
+    def _note(
+        self,
+        kind: EntryKind,
+        words: str,
+        player: str = "",
+        target: str = "",
+        reasons: Sequence[str] = (),
+    ) -> None:
+        """Log an event after the last step."""
+        why = tuple(reason[:_MAX_TEXT] for reason in reasons[:_MAX_REASONS])
+        entry = Entry(self.length, kind, player, words[:_MAX_TEXT], why, target)
         self._entries[entry.step].append(entry)
         self._mark([entry])
+        self._characters += _characters(entry)
+        if self._characters > MAX_CHARACTERS:
+            self._forget_texts()
+
+    def _forget_texts(self) -> None:
+        """Drop the older half of the log, the chat and the announcements."""
+        entries = [entry for step in self._entries.values() for entry in step]
+        self._entries = defaultdict(list)
+        for entry in entries[len(entries) // 2 :]:
+            self._entries[entry.step].append(entry)
+        del self._said[: len(self._said) // 2]
+        del self.interludes[: len(self.interludes) // 2]
+        self._count_characters()
+
+    def _count_characters(self) -> None:
+        entries = (entry for step in self._entries.values() for entry in step)
+        self._characters = sum(map(_characters, entries))
 
     def _reject(self, event: ActRejected) -> None:
         context = (self._states[-1], self._names())
         does = self._wording.attempt({"player": event.seat, "action": event.action}, *context)
-        why = self._wording.unmet(event.unmet, *context)
-        entry = Entry(self.length, EntryKind.REJECTED, event.seat, does, why)
-        self._entries[entry.step].append(entry)
-        self._mark([entry])
+        why = self._wording.unmet(event.unmet[:_MAX_REASONS], *context)
+        self._note(EntryKind.REJECTED, does, event.seat, reasons=why)
 
     def _names(self) -> dict[str, str]:
         return {seat.player: seat.name for seat in self._game.seats if seat.name}
@@ -138,9 +170,7 @@ class LiveHistory(History):
         for player, action, applied in event.did:
             kind = EntryKind.ACTION if applied else EntryKind.REJECTED
             does = self._wording.action(action, before, self._names())
-            entry = Entry(event.step, kind, player, does)
-            self._entries[event.step].append(entry)
-            self._mark([entry])
+            self._note(kind, does, player)
         self._turn = event.turn
         self._forget()
 
@@ -153,6 +183,7 @@ class LiveHistory(History):
         self._entries = defaultdict(
             list, {step: entries for step, entries in self._entries.items() if step >= self.first}
         )
+        self._count_characters()
 
     def _did(self, event: StateChanged) -> dict[str, Activity]:
         """Return what each seat did in a step, as far as the server reported it."""
@@ -177,6 +208,10 @@ class LiveHistory(History):
         if self._game.clock.get("clock") == Clock.REALTIME:
             return round(1000 * (self.length + 1) / self.rate)
         return round(1000 * (self._now() - self._began))
+
+
+def _characters(entry: Entry) -> int:
+    return _EVENT_CHARACTERS + len(entry.words) + sum(map(len, entry.reasons))
 
 
 def _controller(name: str) -> Controller:
