@@ -433,3 +433,17 @@ def test_observations_of_other_seats_are_ignored(server: ScriptedServer, role: s
     assert game.observations == {}
     game.receive(server.observation(seat=seat), 0.0)
     assert game.synced
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        messages.Told(seat="chef1", text="planner 1"),
+        messages.Said(step=0, name="ada", seat="chef1", text="hello"),
+        messages.Roster(phase="running", seats=[messages.SeatInfo(player="chef1")]),
+    ],
+)
+def test_invented_seats_are_refused(game: GameReplica, message: messages.ServerMessage) -> None:
+    with pytest.raises(ProtocolError, match="there is no seat 'chef1'"):
+        game.receive(message, 0.0)
+    assert game.poll() == []

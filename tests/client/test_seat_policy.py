@@ -6,6 +6,7 @@ import asyncio
 
 import pytest
 
+from robotouille_client.bots import seat_policy
 from robotouille_client.bots.seat_policy import SeatPolicy
 from robotouille_client.game import Game
 from tests.support.scripted_server import ScriptedServer
@@ -78,3 +79,18 @@ async def test_exception_of_a_cancelled_decision_is_raised_by_the_next() -> None
     table.policy.answers.put(ZeroDivisionError("in the policy"))
     with pytest.raises(ZeroDivisionError, match="in the policy"):
         await table.seat.decide()
+
+
+async def test_events_during_a_long_decision_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(seat_policy, "MAX_UNHEARD", 3)
+    table = Seat()
+    await table.give_up_a_decision()
+    for _ in range(5):
+        table.step()
+    table.policy.answers.put(None)
+    deciding = asyncio.create_task(table.seat.decide())
+    shown = await table.policy.asked.get()
+    assert shown.facts == table.game.state.facts
+    assert len(table.policy.observed) == 3
+    table.policy.answers.put(None)
+    await deciding

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -18,6 +19,11 @@ from robotouille_client.sansio.game_events import (
     StateChanged,
     TeamTold,
 )
+
+HeardEvent = StateChanged | ChatReceived | TeamTold | RosterChanged
+"""Events that a policy learns of."""
+MAX_UNHEARD = 1000
+"""Number of events that wait for the end of a decision. Further ones replace the oldest."""
 
 MakePolicy = Callable[[State, str], Policy]
 """Makes the policy of a seat from the initial state and the player."""
@@ -52,7 +58,7 @@ class SeatPolicy:
         self._world: World | None = None
         self._state: State | None = None
         self._deciding: asyncio.Task[GroundAction | None] | None = None
-        self._unheard: list[GameEvent] = []
+        self._unheard: deque[HeardEvent] = deque(maxlen=MAX_UNHEARD)
         self.waiting = False
 
     @property
@@ -70,7 +76,7 @@ class SeatPolicy:
 
     def heed(self, event: GameEvent) -> None:
         """Pass an event of the game to the policy."""
-        if self._policy is None:
+        if self._policy is None or not isinstance(event, HeardEvent):
             return
         self._unheard.append(event)
         if self._deciding is None or self._deciding.done():
@@ -108,7 +114,8 @@ class SeatPolicy:
         return self._deciding.result()
 
     def _catch_up(self, policy: Policy) -> None:
-        unheard, self._unheard = self._unheard, []
+        unheard = [*self._unheard]
+        self._unheard.clear()
         for event in unheard:
             if isinstance(event, StateChanged):
                 self._state = event.state

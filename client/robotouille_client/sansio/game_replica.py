@@ -366,8 +366,11 @@ class GameReplica:
             case messages.Rejected():
                 self._rejected(message, now)
             case messages.Told():
+                self._check_players(message.seat)
                 self._emit(TeamTold(message.seat, message.text))
             case messages.Said():
+                if message.seat:
+                    self._check_players(message.seat)
                 # After a resume, the server repeats chat lines. Servers without numbered lines send
                 # 0.
                 if message.number > self.said or message.number == 0:
@@ -459,7 +462,17 @@ class GameReplica:
     def _checked_seats(self, seats: Sequence[messages.SeatInfo]) -> tuple[messages.SeatInfo, ...]:
         if self.has_state and len(seats) > len(self.world.players):
             raise ProtocolError(ErrorCode.STATE_MISMATCH, "there are more seats than players")
+        self._check_players(*(seat.player for seat in seats))
         return tuple(seats)
+
+    def _check_players(self, *names: str) -> None:
+        """Raise ProtocolError if a seat is not one of the task's.
+
+        Bots remember seats, and a hostile server could invent any number of them.
+        """
+        unknown = set(names).difference(self.world.players) if self.has_state else set()
+        if unknown:
+            raise ProtocolError(ErrorCode.STATE_MISMATCH, f"there is no seat {min(unknown)!r}")
 
     def _delta(self, message: messages.Delta, now: float) -> None:
         if not self.has_state:
