@@ -35,6 +35,9 @@ from robotouille_client.sansio.game_events import (
 MAX_LINES = 40
 MAX_CHAT = 40
 """Maximum numbers of unread lines and chat messages, because a model's context is limited."""
+MAX_TEXT = 500
+"""Maximum number of characters of a line, chat message or reason; the longest chat message."""
+MAX_REASONS = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +111,7 @@ class GameLog:
     def _write(self, line: str) -> None:
         self.unread = True
         self._taken += 1
-        self._lines.append(line)
+        self._lines.append(_shortened(line))
 
     def _changed(self, event: StateChanged) -> None:
         step, self._step = self._step, event.step
@@ -128,7 +131,7 @@ class GameLog:
     def _heard(self, event: ChatReceived) -> None:
         own = event.name == self._game.name and event.seat == (self._game.seat or "")
         self._taken += 1
-        self._chat.append(HeardChat(event.name, event.seat, event.text, own))
+        self._chat.append(HeardChat(event.name, event.seat, _shortened(event.text), own))
         if own:
             self.own_messages += 1
         else:
@@ -153,6 +156,10 @@ class GameLog:
                 continue
             if (before.name, before.controller) != (seat.name, seat.controller):
                 yield _who_plays(seat)
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= MAX_TEXT else f"{text[:MAX_TEXT]}…"
 
 
 def _who_plays(seat: messages.SeatInfo) -> str:
@@ -347,7 +354,7 @@ class OpenGame:
             action=action,
             status="applied" if result.applied else "rejected",
             step=result.step,
-            reasons=list(result.reasons),
+            reasons=[_shortened(reason) for reason in result.reasons[:MAX_REASONS]],
             code=result.code,
             age=result.age,
         )
