@@ -39,14 +39,11 @@ def run(
     """Play agents on tasks and write a report."""
     from robotouille_evaluation.cli.planning import plan_run
     from robotouille_evaluation.cli.playing import play
-    from robotouille_evaluation.packs.store import write_pack
     from robotouille_evaluation.runs import RunFolder
 
     RunFolder(out).require_new()
     planned = plan_run(out, options)
     # This comes after the check of the jobs, because a refused run must not leave a folder behind.
-    if planned.own_folder:
-        write_pack(planned.pack, planned.folder)
     run_folder = _create(out, planned, options.steps_to_go)
     _warn_of_unknown_optima(planned)
     if options.steps_to_go:
@@ -134,10 +131,11 @@ def _warn_of_unknown_optima(planned: PlannedRun) -> None:
 def _create(out: Path, planned: PlannedRun, steps_to_go: bool) -> RunFolder:
     from robotouille.installation import VERSION
     from robotouille_evaluation.metrics.rows import PackId
+    from robotouille_evaluation.packs.store import write_pack
     from robotouille_evaluation.runs import RunFolder, RunPlan
 
     pack = planned.pack
-    return RunFolder.create(
+    folder = RunFolder.create(
         out,
         RunPlan(
             name=out.resolve().name,
@@ -148,3 +146,11 @@ def _create(out: Path, planned: PlannedRun, steps_to_go: bool) -> RunFolder:
             steps_to_go=steps_to_go,
         ),
     )
+    if planned.own_folder:
+        # After the run is claimed: of two processes, the later one must not replace the pack.
+        try:
+            write_pack(pack, planned.folder)
+        except BaseException:
+            folder.discard()
+            raise
+    return folder

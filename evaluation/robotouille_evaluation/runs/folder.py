@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
 
@@ -76,6 +76,11 @@ class RunFolder:
             folder.require_new()
             raise _unwritable(path, error) from None
         return folder
+
+    def discard(self) -> None:
+        """Delete the plan of a run that could not begin."""
+        with suppress(OSError):
+            self._plan_file.unlink()
 
     def require_new(self) -> None:
         """Raise RobotouilleError if the folder already has a run."""

@@ -13,9 +13,11 @@ from typer.testing import CliRunner, Result
 
 from robotouille.errors import UnknownNameError
 from robotouille.planning.kitchen import kernels
+from robotouille_evaluation.cli import planning
 from robotouille_evaluation.cli.benchmark import benchmark
 from robotouille_evaluation.cli.models import ModelChoice
 from robotouille_evaluation.cli.planning import agent_spec
+from robotouille_evaluation.cli.run_options import RunOptions
 from robotouille_evaluation.metrics import ResultRow
 from robotouille_evaluation.packs.experiment import Experiment
 from robotouille_evaluation.packs.own import build_own_pack
@@ -64,6 +66,32 @@ def test_run_is_played_and_not_overwritten(tmp_path: Path) -> None:
     assert {p: p.read_bytes() for p in run.rglob("*") if p.is_file()} == before
     assert called("resume", run).exit_code == 0
     assert (run / "rows.jsonl").read_bytes() == before[run / "rows.jsonl"]
+
+
+def test_later_of_two_runs_leaves_the_pack_of_the_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = tmp_path / "run"
+    plan_run = planning.plan_run
+
+    def overtaken(out: Path, options: RunOptions) -> planning.PlannedRun:
+        planned = plan_run(out, options)
+        monkeypatch.setattr(planning, "plan_run", plan_run)
+        assert called("run", run, *MODEL).exit_code == 0
+        return planned
+
+    monkeypatch.setattr(planning, "plan_run", overtaken)
+    later = called("run", run, "--pack", "shifts", "--agents", "random", "--limit", "1")
+    assert later.exit_code == 1
+    assert "already has a run" in later.output
+    assert read_pack(run / "pack").digest == RunFolder(run).plan().pack.digest
+
+
+def test_run_whose_pack_cannot_be_written_does_not_begin(tmp_path: Path) -> None:
+    (tmp_path / "pack").mkdir()
+    (tmp_path / "pack" / "thesis.txt").touch()
+    assert "not a pack; choose another folder" in called("run", tmp_path, *MODEL).output
+    assert [path.name for path in tmp_path.iterdir()] == ["pack"]
 
 
 @pytest.mark.parametrize(("agent", "announced"), [("planner", True), ("random", False)])
