@@ -20,6 +20,22 @@ from robotouille_client.sansio.addresses import check_redirect
 PING_SECONDS, PONG_SECONDS = 20.0, 60.0
 NODE_PING_SECONDS, NODE_PONG_SECONDS = 2.0, 5.0
 
+MAX_UNSENT_BYTES = 1024 * 1024
+"""Bytes that wait for the server to read them, after which the connection is cut."""
+
+
+class GameConnection(ClientConnection):
+    """Connection that is cut if the server sends pings and reads no pongs.
+
+    The library would keep any number of pongs. It waits until other messages are sent.
+    """
+
+    def data_received(self, data: bytes) -> None:
+        """Process data, and answer the pings in it."""
+        super().data_received(data)
+        if self.transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
+            self.transport.abort()
+
 
 class open_socket(connect):  # noqa: N801
     """`connect` of websockets that follows HTTP redirects to trusted hosts only.
@@ -70,6 +86,7 @@ async def open_game_socket(
         ping_interval=PING_SECONDS,
         ping_timeout=PONG_SECONDS,
         close_timeout=2,
+        create_connection=GameConnection,
     )
     opening.named = named
     try:

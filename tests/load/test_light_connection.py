@@ -17,14 +17,13 @@ from robotouille.protocol.codec import MAX_SERVER_BYTES
 from robotouille_client.loadtest.light_connection import (
     MAX_FRAGMENTS,
     MAX_HEAD_BYTES,
-    MAX_UNSENT_BYTES,
     HandshakeRefusedError,
     LightConnection,
     Traffic,
     UnreachableError,
     open_connection,
 )
-from robotouille_client.sockets import server_uri
+from robotouille_client.sockets import MAX_UNSENT_BYTES, server_uri
 from robotouille_server import Server
 from tests.support.servers import serving
 from tests.support.virtual_time import opening, virtual

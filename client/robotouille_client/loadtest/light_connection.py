@@ -34,6 +34,7 @@ from robotouille.protocol.frames import (
     FrameReader,
     pack_frame,
 )
+from robotouille_client.sockets import MAX_UNSENT_BYTES
 
 READ_SIZE = 64 * 1024
 """Number of bytes to read at a time. The event loop's default of 256 KiB is allocated from the
@@ -42,8 +43,6 @@ MAX_FRAGMENTS = 1024
 """Maximum number of fragments of a message."""
 MAX_HEAD_BYTES = 64 * 1024
 """Maximum size of the head of a server's answer to the handshake."""
-MAX_UNSENT_BYTES = 1024 * 1024
-"""Bytes that wait for the server to read them, after which the connection is cut."""
 
 
 class UnreachableError(RobotouilleError):
