@@ -14,7 +14,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.typing import Subprotocol
 
 from robotouille.episode.rules import Clock
-from robotouille.protocol.codec import MSGPACK
+from robotouille.protocol.codec import MAX_SERVER_ITEMS, MSGPACK
 from robotouille_client.loadtest.histogram import MAX_COUNTERS, Measurements
 from robotouille_client.loadtest.load_worker import LoadWorker
 from robotouille_client.loadtest.workload import LoadPlan
@@ -124,3 +124,24 @@ def test_counters_are_limited() -> None:
         measured.count(f"refused: {number}")
     assert len(measured.counts) == MAX_COUNTERS + 1
     assert sum(measured.counts.values()) == 10 * MAX_COUNTERS
+
+
+def test_names_of_counters_are_cut() -> None:
+    measured = Measurements()
+    for number in range(3):
+        measured.count(f"refused: {'x' * 10**6}{number}")
+    assert [(len(name), count) for name, count in measured.counts.items()] == [(100, 3)]
+
+
+@virtual
+async def test_messages_have_the_limits_of_the_protocol() -> None:
+    rows = b"\xdd" + (MAX_SERVER_ITEMS + 1).to_bytes(4) + b"\x90" * (MAX_SERVER_ITEMS + 1)
+    nothing = b"\x82\xa4type\xa5other\xa4rows" + rows
+
+    def answers(message: dict[str, Any]) -> list[bytes]:
+        found = [msgpack.packb(one) for one in honest(message)]
+        return [*found, nothing] if message["type"] == "join" else found
+
+    counts, errors = await load_test(answers)
+    assert errors == []
+    assert counts["invalid messages"] >= 2

@@ -145,13 +145,13 @@ def _report(load_test: LoadTest, options: LoadOptions) -> None:
     from robotouille_client.loadtest.terminal_summary import print_summary
 
     report = make_report(load_test)
-    print_summary(report, Console())
     if options.json_file is not None:
         replace_file(options.json_file, json.dumps(report.to_json(), indent=1) + "\n")
     if options.html_file is not None:
         from robotouille_client.loadtest.html_page import load_test_page
 
         replace_file(options.html_file, load_test_page(report))
+    print_summary(report, Console())
 
 
 def _check(plan: LoadPlan) -> None:

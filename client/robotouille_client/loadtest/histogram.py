@@ -17,6 +17,8 @@ GROWTH = 0.01
 BUCKETS_PER_E = 1 / GROWTH
 MAX_COUNTERS = 200
 """Names of counts. The counts of further names are added up."""
+MAX_COUNTER_NAME = 100
+"""Characters of such a name. Some names contain what the server sends."""
 
 
 class Histogram:
@@ -116,8 +118,9 @@ class Measurements:
         histogram.add(seconds)
 
     def count(self, name: str, amount: float = 1) -> None:
+        name = name[:MAX_COUNTER_NAME]
         if name not in self.counts and len(self.counts) >= MAX_COUNTERS:
-            name = "others"  # Some names contain what the server sends.
+            name = "others"
         self.counts[name] = self.counts.get(name, 0) + amount
 
     def merge(self, other: Measurements) -> None:

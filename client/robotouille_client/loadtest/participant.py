@@ -7,10 +7,9 @@ import random
 from dataclasses import dataclass, field
 from typing import Any
 
-import msgpack
-
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
+from robotouille.protocol.codec import MSGPACK
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille.protocol.messages import PROTOCOL_VERSION
 from robotouille_client.loadtest.histogram import Measurements
@@ -254,7 +253,7 @@ class Participant:
                 self.connection.abort()
 
     def _take(self, payload: bytes) -> None:
-        message: RawMessage = msgpack.unpackb(payload)
+        message: RawMessage = MSGPACK.unpack_server(payload)
         kind = message["type"]
         check_message(message)
         if kind == "joined":

@@ -25,7 +25,7 @@ def _parts(report: LoadReport) -> Iterator[RenderableType]:
     yield Text(f"{printable(figures['server']) or 'a server'} at {plan.url}", style="bold")
     facts_table = Table.grid(padding=(0, 2))
     for name, value in facts(report):
-        facts_table.add_row(Text(name, style="dim"), value)
+        facts_table.add_row(Text(name, style="dim"), Text(printable(value)))
     yield facts_table
     yield Text()
     yield _durations(report)

@@ -125,7 +125,7 @@ class Codec:
         Raises:
             ProtocolError: `message/...`, as for a client's message; at most `MAX_SERVER_BYTES`.
         """
-        plain = self._unpack(payload, MAX_SERVER_BYTES)
+        plain = self.unpack_server(payload)
         if self.text and len(payload) > MAX_CLIENT_BYTES:
             # MessagePack limits the names of objects while it decodes.
             try:
@@ -134,6 +134,14 @@ class Codec:
                 raise ProtocolError("message/malformed", str(error)) from None
         message: ServerMessage = self._validate(plain, _quick_server_messages())
         return message
+
+    def unpack_server(self, payload: bytes | str) -> Any:
+        """Decode a server's message to plain values within its limits, without checking them.
+
+        Raises:
+            ProtocolError: `message/...`.
+        """
+        return self._unpack(payload, MAX_SERVER_BYTES)
 
     def _validate(self, plain: Any, adapter: TypeAdapter[Any] | SchemaValidator) -> Any:
         if not isinstance(plain, dict):
