@@ -10,6 +10,7 @@ from pydantic import BaseModel
 from robotouille.domain.json_files import MAX_NESTING
 from robotouille.domain.pictures import MAX_OUTLINES, MAX_PICTURE_BYTES, MAX_SHAPES, MAX_SIDE
 from robotouille.episode import quota, rules, submissions
+from robotouille.episode.clocks import MAX_STEPS_AT_ONCE
 from robotouille.protocol import codec, messages
 from robotouille.replay import container, payloads
 from robotouille.web import recording_data, recording_page
@@ -190,6 +191,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("Frames handled between two checks of due steps",
               f"{loop_budget.LOOP_BUDGET:g}, or {loop_budget.TURN_SECONDS * 1000:g} ms of them",
               "The remaining frames wait."),
+        Limit("Steps taken for one action, without the wall clock", f"{MAX_STEPS_AT_ONCE}",
+              "The remaining steps wait for a turn among the connections."),
         Limit("Frames of one connection handled before the others",
               f"{connection.FRAMES_AT_A_TIME}, or "
               f"{connection.SECONDS_AT_A_TIME * 1000:g} ms of them", "The remaining frames wait."),

@@ -37,6 +37,7 @@ from robotouille_server.rooms.participants.session import JoinedRoom, Session, S
 from robotouille_server.rooms.participants.sessions import Sessions
 from robotouille_server.rooms.rematches import Asker
 from robotouille_server.rooms.room import Room
+from robotouille_server.runtime.budgets import STEP_COST
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.task_folder import TaskAssets
@@ -45,8 +46,6 @@ from robotouille_server.transport import LoopBudget, Peer
 
 DAY_SECONDS = 86_400.0
 SPECTATOR = "spectator"
-STEP_COST = 8.0
-"""Cost of a step, in units of `LoopBudget`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,8 +31,11 @@ class Decided:
 def test_long_runs_of_steps_continue_at_the_next_tick() -> None:
     clock, game = LockstepClock(Rules(), PLAYERS), Decided()
     assert len(list(clock.on_decision(3.0, game))) == MAX_STEPS_AT_ONCE
-    assert clock.due() == 3.0
+    assert (clock.due(), clock.behind) == (3.0, True)
     assert len(list(clock.on_tick(4.0, game))) == MAX_STEPS_AT_ONCE
+    game.running = False
+    assert not list(clock.on_tick(5.0, game))
+    assert not clock.behind
 
 
 def test_only_declared_thinking_delays_an_action() -> None:

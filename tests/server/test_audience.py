@@ -12,11 +12,11 @@ from typing import Any
 from websockets.exceptions import ConnectionClosed
 
 from robotouille.episode import Stepped
+from robotouille.episode.clocks import MAX_STEPS_AT_ONCE
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON
 from robotouille_server import Server
 from robotouille_server.auth import Role
-from robotouille_server.requests import STEP_COST
 from robotouille_server.rooms.participants.seat_limits import (
     CHAT_LINES,
     CHAT_LINES_AT_ONCE,
@@ -30,6 +30,7 @@ from robotouille_server.rooms.publishing.audience import (
     Audience,
     SharedMessage,
 )
+from robotouille_server.runtime.budgets import STEP_COST
 from robotouille_server.runtime.timer_queue import TimerQueue
 from robotouille_server.transport import LoopBudget
 from robotouille_server.transport.loop_budget import LOOP_BUDGET
@@ -368,6 +369,29 @@ async def test_steps_that_one_player_completes_give_way_to_others(tmp_path: Path
             steps_taken.append(room.episode.step)
         at_once = max(after - before for before, after in pairwise(steps_taken))
         assert at_once <= LOOP_BUDGET / STEP_COST + 1
+
+
+@virtual
+async def test_steps_of_declared_thinking_give_way_to_others(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server, raw(server) as ada, raw(server) as bob:
+        create = {"type": "create", "task": "synchronous/01", "max_steps": 1000}
+        rules = {"clock": "realtime", "thinking": "declared"}
+        code = (await ada.ask({**create, **rules}, "created"))["code"]
+        await ada.ask({"type": "join", "episode": code, "view": "text"}, "joined")
+        episode = server.lobby.find(code).episode
+        await asyncio.sleep(1.0)
+        await pending(ada)
+        await ada.send({"type": "act", "seq": 1, "action": None, "think_ms": 86_400_000})
+        steps_taken = [0]
+        while not episode.ended:
+            # Another client is answered while the steps are taken.
+            await bob.ask({"type": "list"}, "episodes")
+            steps_taken.append(episode.step)
+        assert steps_taken[-1] == 1000
+        at_once = max(after - before for before, after in pairwise(steps_taken))
+        assert at_once <= 10 * LOOP_BUDGET / STEP_COST
+        texts = [m["step"] for m in await pending(ada) if m["type"] == "observation"]
+        assert texts == list(range(MAX_STEPS_AT_ONCE, 1001, MAX_STEPS_AT_ONCE))
 
 
 async def lines_accepted(one: Raw, count: int) -> int:

@@ -11,7 +11,7 @@ import pytest
 from websockets.asyncio.client import connect as open_socket
 
 from robotouille_server.rooms.room import Room
-from robotouille_server.runtime.timer_queue import Rounds, TimerQueue
+from robotouille_server.runtime.timer_queue import RUN_SECONDS, Rounds, TimerQueue
 from tests.support.servers import Raw, raw, serving
 from tests.support.virtual_time import VirtualTimeLoop, run, virtual
 
@@ -152,6 +152,39 @@ def test_rounding_does_not_delay_timers(monkeypatch: pytest.MonkeyPatch) -> None
         agenda.call_at(agenda.time() + 1 / number, done.append)
         loop.run()
         assert len(done) == number
+
+
+def test_timer_that_sets_another_for_the_present_does_not_continue_the_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    loop, called = Exact(), []
+    monkeypatch.setattr(asyncio, "get_running_loop", lambda: loop)
+    timers = TimerQueue()
+
+    def again(due: float) -> None:
+        called.append(due)
+        timers.call_at(timers.time(), again)
+
+    timers.call_at(timers.time(), again)
+    for runs in range(1, 4):
+        loop.run()
+        assert len(called) == runs
+
+
+def test_run_ends_after_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop, called = Exact(), []
+    monkeypatch.setattr(asyncio, "get_running_loop", lambda: loop)
+    timers = TimerQueue()
+
+    def work(due: float) -> None:
+        called.append(due)
+        loop.now += RUN_SECONDS / 2
+
+    for _ in range(5):
+        timers.call_at(timers.time(), work)
+    loop.run()
+    assert len(called) == 2
+    assert loop.when() <= loop.now, "the next run begins after the sockets"
 
 
 SECONDS = 10.0

@@ -17,6 +17,7 @@ from robotouille_server.rooms.publishing.publisher import Publisher
 from robotouille_server.rooms.recording.journal import EpisodeJournal
 from robotouille_server.rooms.recording.write_ahead import CommitGate, WriteAhead
 from robotouille_server.rooms.substitutes.substitute import BotScheduler
+from robotouille_server.runtime.budgets import STEP_COST
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.timer_queue import TimerHandle, TimerQueue
@@ -66,6 +67,7 @@ class EpisodeDriver:
         "_id",
         "_journal",
         "_loop",
+        "_loop_budget",
         "_metrics",
         "_open",
         "_published",
@@ -74,6 +76,7 @@ class EpisodeDriver:
         "_round_trips",
         "_timer",
         "_timers",
+        "_turn_awaited",
         "_write_ahead",
         "now",
     )
@@ -98,7 +101,9 @@ class EpisodeDriver:
         self._published = published
         self._ended = ended
         self._loop = asyncio.get_running_loop()
+        self._loop_budget = machinery.loop_budget
         self._timer: TimerHandle | None = None
+        self._turn_awaited = False
         self._retry: asyncio.TimerHandle | None = None
         self._round_trips = RoundTrips()
         self._publisher = Publisher(
@@ -166,7 +171,29 @@ class EpisodeDriver:
             if due == self._timer.due:
                 return
             self._timers.cancel(self._timer)
-        self._timer = None if due is None else self._timers.call_at(due, self._on_time)
+            self._timer = None
+        if due is None:
+            return
+        if self._episode.behind:
+            self._await_turn()
+        else:
+            self._timer = self._timers.call_at(due, self._on_time)
+
+    def _await_turn(self) -> None:
+        """Take the next steps of a backlog when all connections have had their turn."""
+        # Timers come before connections, so a long backlog would keep the server from reading.
+        if not self._turn_awaited:
+            self._turn_awaited = True
+            self._loop_budget.wait(self._on_turn, self)
+
+    def _on_turn(self) -> None:
+        self._turn_awaited = False
+        # An action or a pause may have come first; `_flush` has then set the timer.
+        if not self._open or not self._episode.behind:
+            return
+        before = self._episode.step
+        self._on_time(self.now())
+        self._loop_budget.spend((self._episode.step - before) * STEP_COST)
 
     def _on_time(self, due: float) -> None:
         self._timer = None

@@ -45,6 +45,8 @@ class TokenBucket:
             self._left = self.left(now) - cost
 
 
+STEP_COST, TEXT_COST = 8.0, 8.0
+"""Cost of a step, and of a player's text view of its state, in units of `LoopBudget`."""
 COSTS: dict[type[messages.Message], float] = {
     messages.Create: 10,
     messages.Close: 2,

@@ -62,8 +62,8 @@ class Rounds(Generic[R]):
         self.begin()
 
 
-AT_ONCE = 50
-"""Calls in a row, before data from the network is processed."""
+AT_ONCE, RUN_SECONDS = 50, 0.02
+"""Calls in a row, and their seconds, before data from the network is processed."""
 GRAIN = 0.001
 """Seconds before its time that a timer may be called together with an earlier one. Waking up for
 each room takes as long as the step itself."""
@@ -160,10 +160,13 @@ class TimerQueue:
     def _run(self) -> None:
         self._timer = None
         self._running = True
-        self.time()
+        # Timers read the clock. The limits are those of the run's start, so that a timer cannot
+        # keep the run going by setting another one for the present.
+        now, newer = self.time() + GRAIN, next(self._numbers)
+        until = self._seen + RUN_SECONDS
         try:
             for _ in range(AT_ONCE):
-                if not self._heap or self._heap[0][0] + self.lost > self._seen + GRAIN:
+                if not self._heap or self._heap[0][0] > now or self._heap[0][1] > newer:
                     return
                 due, _number, handle = heappop(self._heap)
                 call, handle.call = handle.call, None
@@ -171,6 +174,8 @@ class TimerQueue:
                     self._cancelled -= 1
                 else:
                     call(due)
+                    if self._loop_time() >= until:
+                        return
         finally:
             self._running = False
             self._arm()

@@ -15,9 +15,10 @@ from robotouille.episode.rules import Clock, Rules
 MAX_CATCH_UP = 10
 """Steps that a late real-time episode takes at once. The rest is skipped: a server that was
 suspended for a minute must not play that minute in one burst."""
-MAX_STEPS_AT_ONCE = 50
+MAX_STEPS_AT_ONCE = 10
 """Steps taken for one request. Long runs of steps in which nobody can act would otherwise keep
-other episodes from their turn; the rest follows at the next tick."""
+other episodes from their turn; the rest follows at the next ticks. A declared thinking time may
+ask for thousands of steps."""
 
 
 class ClockedEpisode(Protocol):
@@ -41,6 +42,11 @@ class StepClock(Protocol):
     """Rule for when the next step is taken. `scheduled`: steps follow the wall clock."""
 
     scheduled: bool
+
+    @property
+    def behind(self) -> bool:
+        """True if the last request or tick left decided steps for the next tick."""
+        ...
 
     def start(self, now: float) -> None:
         """Start with the game, or when another process goes on with it."""
@@ -82,6 +88,10 @@ class LockstepClock:
         # If a request has used up `MAX_STEPS_AT_ONCE`, this is the time at which the other steps
         # became due. The next tick continues from there without waiting for the deadline.
         self._backlog: float | None = None
+
+    @property
+    def behind(self) -> bool:
+        return self._backlog is not None
 
     def start(self, now: float) -> None:
         pass
@@ -157,6 +167,7 @@ class RealTimeClock:
     """Clock with one step in each period. A step takes the decisions made until then."""
 
     scheduled = True
+    behind = False
 
     def __init__(self, rules: Rules) -> None:
         # The period never changes, because the header of the recording contains the rules.

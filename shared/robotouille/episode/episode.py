@@ -677,6 +677,11 @@ class Episode:
         absence = self._presence.due()
         return min((time for time in (clock, held, absence) if time is not None), default=None)
 
+    @property
+    def behind(self) -> bool:
+        """True if decided steps are left for `tick`, which takes a limited number at once."""
+        return self.record.running and self.record.clock.behind
+
     def tick(self, now: float) -> None:
         """Let time pass: take due steps, end expired pauses and free the seats of lost players."""
         record = self.record

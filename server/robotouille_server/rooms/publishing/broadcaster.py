@@ -42,6 +42,7 @@ from robotouille_server.rooms.publishing.episode_messages import (
 )
 from robotouille_server.rooms.publishing.limited_sight import LimitedSight
 from robotouille_server.rooms.recording.write_ahead import CommitGate
+from robotouille_server.runtime.budgets import TEXT_COST
 from robotouille_server.runtime.timer_queue import TimerQueue
 from robotouille_server.transport import LoopBudget, Peer, frame_of
 
@@ -109,6 +110,7 @@ class Broadcaster:
         "_last_roster",
         "_last_turn",
         "_limited",
+        "_loop_budget",
         "_notices",
         "_now",
         "_public",
@@ -150,6 +152,7 @@ class Broadcaster:
             self._limited = LimitedSight(episode, sight, self._episode_messages)
         self._now = now
         self._gate = gate
+        self._loop_budget = loop_budget
         self._audience = Audience(
             timers, loop_budget, self._public_observation, self._commit_snapshot
         )
@@ -352,9 +355,14 @@ class Broadcaster:
                     seat=session.seat_shown(move.player),
                 )
                 self.send(session, rejected)
+        # A text shows a whole state. Of several steps published together, only the last is shown:
+        # nobody could decide between them.
+        if event.step < self._episode.step:
+            return
         for player in session.views:
             if player not in texts:
                 texts[player] = self._observation_after(event, player)
+                self._loop_budget.spend(TEXT_COST)
             if session.peer is not None:
                 session.peer.send_frame(texts[player].frame(session.peer.codec))
 
