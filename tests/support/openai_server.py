@@ -43,6 +43,8 @@ class Reply:
     """Stop in the middle of the body until the client disconnects."""
     trickles: bool = False
     """Send a byte of the body every 10 ms."""
+    drips: bool = False
+    """Send a byte of the status and headers every 10 ms."""
 
     def encoded(self) -> bytes:
         lines = [f"HTTP/1.1 {self.status} Scripted"]
@@ -173,11 +175,14 @@ class ScriptedEndpoint:
             writer.write(data[: -len(reply.body) // 2])
             await reader.read(1)
             return False
-        at = -len(reply.body) if reply.trickles else len(data)
-        writer.write(data[:at])
-        for byte in data[at:] if reply.trickles else b"":
+        head = len(data) - len(reply.body)
+        begin = 0 if reply.drips else head if reply.trickles else len(data)
+        end = head if reply.drips else len(data)
+        writer.write(data[:begin])
+        for byte in data[begin:end]:
             writer.write(bytes([byte]))
             await asyncio.sleep(0.01)
+        writer.write(data[end:])
         await writer.drain()
         return not reply.missing
 

@@ -288,8 +288,21 @@ def _client(endpoint: Endpoint, key: str | None) -> AsyncOpenAI:
         import openai
 
         # aiohttp: the SDK's usual transport searches all connections for each request, which is
-        # slow with a hundred of them. Redirects: a conversation goes only to the given address.
-        http_client = openai.DefaultAioHttpClient(
+        # slow with a hundred of them.
+        class Client(openai.DefaultAioHttpClient):
+            """HTTP client whose time limit holds also if single bytes of a head arrive."""
+
+            async def send(self, *args: Any, **options: Any) -> Any:
+                """Send a request and return the response, or raise TimeoutError."""
+                try:
+                    # The head and the body may each take the time limit.
+                    async with asyncio.timeout(2 * endpoint.timeout):
+                        return await super().send(*args, **options)
+                except TimeoutError:
+                    raise TimeoutError from None
+
+        # Redirects: a conversation goes only to the given address.
+        http_client = Client(
             follow_redirects=False,
             event_hooks={"response": [partial(_read_body, endpoint.timeout)]},
         )

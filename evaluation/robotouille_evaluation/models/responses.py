@@ -224,12 +224,12 @@ def without_key(text: str, *keys: str | None) -> str:
 
 
 def excerpt(words: object, *keys: str | None) -> str:
-    """Return the beginning of an endpoint's message without keys.
+    """Return the beginning of an endpoint's message without keys and lone surrogates.
 
     Known keys are removed before the text is cut, because a cut could leave half a key. The slow
     pattern for unknown keys is applied only to the part that could be shown.
     """
-    return without_key(_without(str(words), keys)[: 4 * MAX_EXCERPT])[:MAX_EXCERPT]
+    return encodable(without_key(_without(str(words), keys)[: 4 * MAX_EXCERPT])[:MAX_EXCERPT])
 
 
 def without_secrets(text: str, secrets: Iterable[str]) -> str:

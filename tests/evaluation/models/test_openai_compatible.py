@@ -142,10 +142,11 @@ def test_openai_needs_a_key(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_missing_sdk_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    def without_aiohttp(**_: object) -> None:
-        raise RuntimeError("install the extra aiohttp")
+    class WithoutAiohttp:
+        def __init__(self, **_: object) -> None:
+            raise RuntimeError("install the extra aiohttp")
 
-    monkeypatch.setattr("openai.DefaultAioHttpClient", without_aiohttp)
+    monkeypatch.setattr("openai.DefaultAioHttpClient", WithoutAiohttp)
     with pytest.raises(MissingExtraError, match=r"robotouille\[llm\]"):
         OpenAICompatibleModel(Endpoint("m"), key=KEY)
     monkeypatch.setitem(sys.modules, "openai", None)
@@ -267,6 +268,22 @@ async def test_a_response_that_trickles_times_out() -> None:
     trickling = Reply(answer("Wait " * 1000).body, trickles=True)
     caught, _ = await failure(trickling, timeout=0.2, attempts=1)
     assert caught.kind is KINDS.TIME_OUT
+
+
+async def test_a_head_that_trickles_times_out() -> None:
+    dripping = Reply(answer("Wait").body, drips=True)
+    caught, _ = await failure(dripping, timeout=0.1, attempts=1)
+    assert caught.kind is KINDS.TIME_OUT
+
+
+@pytest.mark.parametrize("reply", [answer("Wait", finish_reason="\ud800"), error(400, "\ud800")])
+async def test_lone_surrogates_are_replaced(reply: Reply) -> None:
+    async with asking(reply) as (model, _):
+        try:
+            found = repr(await model.complete(REQUEST))
+        except ModelError as caught:
+            found = str(caught)
+    assert "?" in found and "ud800" not in ascii(found)
 
 
 @pytest.mark.parametrize(("status", "kind"), [(200, KINDS.ENDPOINT), (400, KINDS.REFUSED)])
