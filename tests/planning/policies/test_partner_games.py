@@ -80,6 +80,7 @@ STOOD = [
     ("02", 4, "hoarding", 0),
     ("10", 4, "idle", 0),
     ("02", 3, "wandering", 6),
+    ("09", 3, "blocking", 4),
 ]
 """Games in which bots once stood for ten seconds or more although they had useful work."""
 

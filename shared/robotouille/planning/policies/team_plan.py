@@ -396,9 +396,9 @@ class TeamDecision:
         # The reachability test is cheap; a search would spend all its expansions without finding a
         # plan.
         if not self._cut_off:
-            unburdened = self._unburdened() if self._tried % 2 else None
+            unburdened = self._unburdened(self._team) if self._tried % 2 else None
             if unburdened is not None:
-                return unburdened
+                return TeamPlan(unburdened, self._base, Assumption.TEAM, found)
             found = self._find(self._base, self._team)
         if found.plan is not None:
             return TeamPlan(found.plan, self._base, Assumption.TEAM, found)
@@ -407,16 +407,19 @@ class TeamDecision:
         return self._with_fewer() or self._way() or self._nearer()
 
     def _shorter_than(self, rest: Plan) -> TeamPlan:
-        """Return the shortest of the rest of the last plan and some other plans.
+        """Return the best of the rest of the last plan and some other plans.
 
-        If several are as short, return the one in which the members begin soonest.
+        A step for which a member waits before its first action counts like a step of the plan: to
+        people, a bot that stands still is of no use, whatever it waits for.
         """
         plans = [rest]
         for number in range(1, ATTEMPTS + 1):
             found = self._find(self._base, self._team, number).plan
             if found is not None:
                 plans.append(found)
-        best = min(plans, key=lambda plan: (len(plan), self._waits(plan)))
+        # A member with an object in hand may wait for a station, though it has other work.
+        plans += filter(None, (self._unburdened((player,)) for player in self._team))
+        best = min(plans, key=lambda plan: len(plan) + self._waits(plan))
         return TeamPlan(best, self._base, Assumption.TEAM)
 
     def _waits(self, plan: Plan) -> int:
@@ -426,21 +429,21 @@ class TeamDecision:
         }
         return sum(first.get(player, len(plan)) for player in self._team)
 
-    def _unburdened(self) -> TeamPlan | None:
-        """Return a plan in which the team first puts down all that it holds, or None.
+    def _unburdened(self, players: Iterable[str]) -> Plan | None:
+        """Return a plan in which some players first put down all that they hold, or None.
 
         A search may miss it because objects in hand bring most states nearer to the goal.
         """
-        steps, start = self._emptied(self._anytime.in_model(self._base))
-        found = self._find(start, self._team) if steps else NOT_FOUND
-        if found.plan is None:
-            return None
-        return TeamPlan(Plan((*steps, *found.plan)), self._base, Assumption.TEAM, found)
+        steps, start = self._emptied(self._anytime.in_model(self._base), players)
+        plan = self._find(start, self._team).plan if steps else None
+        return None if plan is None else Plan((*steps, *plan))
 
-    def _emptied(self, state: State) -> tuple[list[tuple[GroundAction, ...]], State]:
-        """Return steps in which the team puts down all that it holds, and the state after them."""
+    def _emptied(
+        self, state: State, players: Iterable[str]
+    ) -> tuple[list[tuple[GroundAction, ...]], State]:
+        """Return steps in which players put down all that they hold, and the state after them."""
         steps: list[tuple[GroundAction, ...]] = []
-        for player in self._team:
+        for player in players:
             for action in put_down(state, player):
                 steps.append((action,))
                 state = after(state, action)
@@ -533,7 +536,7 @@ class TeamDecision:
             turn = self._tried % len(self._team)
             teams += [(player,) for player in self._team[turn:] + self._team[:turn]]
         yield from self._deferred(start, here, teams)
-        steps, start = self._emptied(start)
+        steps, start = self._emptied(start, self._team)
         for (action,) in steps:
             if not here.world.applicable(here, action):
                 return
