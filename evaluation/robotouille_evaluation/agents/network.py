@@ -34,6 +34,11 @@ from robotouille_evaluation.models import ModelErrorKind
 
 UNANSWERED = frozenset(ModelErrorKind) - {ModelErrorKind.EMPTY}
 """Errors of the connection or endpoint, which are not wrong answers of the model."""
+MAX_TRIES = 5
+"""Number of rejected actions in one step after which the seat does nothing without its model.
+
+Otherwise, a server that rejects every action could spend any amount on a model.
+"""
 
 
 def rejected_text(exchange: Exchange) -> str | None:
@@ -91,7 +96,20 @@ class _Seat:
     basis: int = 0
     done: bool = False
     decided: int = -1
+    tried: int = -1
+    tries: int = 0
     acting: asyncio.Task[None] | None = None
+
+    def reject(self, step: int) -> None:
+        """Count a rejected action, and drop the rest of the plan."""
+        self.plan.clear()
+        self.tries = self.tries + 1 if self.tried == step else 1
+        self.tried = step
+
+    def needs_model(self, step: int) -> bool:
+        """Return whether to ask the model for the next action."""
+        given_up = self.tried == step and self.tries >= MAX_TRIES
+        return not (self.plan or self.done or given_up)
 
 
 class NetworkAgent:
@@ -161,7 +179,7 @@ class NetworkAgent:
         asked = {
             player: seen
             for player, seen in free.items()
-            if not (self._seats[player].plan or self._seats[player].done)
+            if self._seats[player].needs_model(self._game.step)
         }
         if asked:
             await self._ask(asked)
@@ -234,7 +252,7 @@ class NetworkAgent:
         if result.applied:
             seat.decided = step
         elif action:
-            seat.plan.clear()
+            seat.reject(step)
             self._team.rejected(player, action, result.reasons)
 
     async def _record(self, player: str, seat: _Seat, exchange: Exchange) -> bool:
