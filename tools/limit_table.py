@@ -276,6 +276,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               "{min_free_space} MiB", CREATE, "server/full"),
         Limit("Open rematches requested by one participant", f"{rematches.MAX_OPEN}", CREATE,
               "rate/episodes"),
+        Limit("Open rematches that players have requested of a game and of its rematches",
+              f"{rematches.MAX_OPEN_OF_GAME}", CREATE, "rate/episodes"),
         Limit("Rematches that players request of a game and of its rematches",
               f"{rematches.REMATCHES_A_MINUTE:g} a minute, bursts of "
               f"{rematches.REMATCHES_AT_ONCE:g}",

@@ -17,6 +17,7 @@ from robotouille_server.rooms import lobby, rematches
 from robotouille_server.rooms.rematches import (
     MAX_FINISHED,
     MAX_OPEN,
+    MAX_OPEN_OF_GAME,
     RECORDED_BYTES,
     REMATCHES_A_MINUTE,
     REMATCHES_AT_ONCE,
@@ -244,6 +245,37 @@ async def rematches_in_a_row(player: Client, code: str, most: int) -> tuple[int,
         await player.join(code)
         await player.leave()
     return most, code
+
+
+@virtual
+async def test_one_game_does_not_multiply_by_rematches(tmp_path: Path) -> None:
+    async with AsyncExitStack() as stack:
+        server, host = await stack.enter_async_context(with_clients(tmp_path, "host"))
+        players = []
+        for name in ("ada", "bob", "eve"):
+            token = server.tokens.mint_role(Role.PLAYER, name, seconds=86_400)
+            client = connect(server.url, name=name, token=token)
+            players.append(await stack.enter_async_context(client))
+        ada, bob, eve = players
+        chain: list[str] = []
+        for partner in (bob, bob, bob, bob, eve):
+            setup = {"rematch": chain[-1]} if chain else {"task": TASK, **LEFT}
+            code = (await (ada if chain else host).create(**setup)).code
+            await ada.join(code)
+            await partner.join(code)
+            await ada.leave()
+            await partner.leave()
+            chain.append(code)
+        askers = (ada, ada, bob, bob)
+        opened = [await one.create(rematch=code) for one, code in zip(askers, chain, strict=False)]
+        assert len({created.code for created in opened}) == MAX_OPEN_OF_GAME
+        with pytest.raises(ProtocolError, match="of this game are open") as refused:
+            await eve.create(rematch=chain[-1])
+        assert (refused.value.code, refused.value.field) == ("rate/episodes", "rematch")
+        # Other games are not concerned.
+        await eve.create(rematch=await ended(host, eve))
+        server.lobby.find(opened[0].code).abort("over")
+        await eve.create(rematch=chain[-1])
 
 
 @pytest.mark.slow

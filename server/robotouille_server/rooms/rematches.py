@@ -19,6 +19,10 @@ MAX_FINISHED = 256
 """Ended games that a process remembers."""
 MAX_OPEN = 2
 """Open rematches that one participant has requested."""
+MAX_OPEN_OF_GAME = 4
+"""Open rematches of a game, and of its rematches, that players have requested. People need one.
+Each ended game of such a chain has a rematch, so one code would otherwise admit dozens of games at
+once."""
 REMATCHES_A_MINUTE, REMATCHES_AT_ONCE = 10.0, 40.0
 """Rematches of a game, and of its rematches, that players may request. People need a game each;
 bots that play one in a second can play forty."""
@@ -85,6 +89,8 @@ class FinishedGame:
         players: The sessions and pseudonyms of all who had a seat.
         banned: The sessions and pseudonyms of all who were removed.
         allowance: The rematches that may still be requested; shared with all rematches of the game.
+        chain: The id of the first game, of which this one is a rematch, or a rematch of one. A game
+            that is read from its recording is the first of its chain.
         next: The id of the rematch, if one was opened. All players share one rematch.
     """
 
@@ -95,10 +101,11 @@ class FinishedGame:
     players: frozenset[str]
     banned: frozenset[str]
     allowance: Allowance
+    chain: str
     next: str = ""
 
     @classmethod
-    def of(cls, room: Room, allowance: Allowance) -> FinishedGame:
+    def of(cls, room: Room, allowance: Allowance, chain: str) -> FinishedGame:
         """Return the game of a room."""
         seats = room.episode.seats.values()
         setup = EpisodeSetup(
@@ -117,6 +124,7 @@ class FinishedGame:
             frozenset(room.membership.ever_seated - {""}),
             frozenset(room.episode.record.banned),
             allowance,
+            chain,
         )
 
     def setup_for(self, owner: str, asker: Asker) -> EpisodeSetup:
@@ -146,6 +154,7 @@ class FinishedGame:
 class _OpenRematch:
     asker: Asker
     allowance: Allowance
+    chain: str
 
 
 class Rematches:
@@ -166,6 +175,7 @@ class Rematches:
             archived: True if the game is read from its recording after its end.
         """
         before = self._open.pop(room, None)
+        chain = room.id if before is None else before.chain
         if before is not None:
             allowance = before.allowance
             if not before.asker.host and room.journal is not None:
@@ -174,7 +184,7 @@ class Rematches:
             allowance = self._archived
         else:
             allowance = self._allowance(REMATCHES_A_MINUTE, REMATCHES_AT_ONCE)
-        game = FinishedGame.of(room, allowance)
+        game = FinishedGame.of(room, allowance, chain)
         # An archived episode that is shown again must not replace its game, which may have a
         # rematch.
         if not game.players or game.episode in self._games:
@@ -196,20 +206,25 @@ class Rematches:
         """Charge a participant for a rematch that it is about to open.
 
         Raises:
-            ProtocolError: `rate/episodes` after too many rematches.
+            ProtocolError: `rate/episodes` after too many rematches, or while too many are open.
         """
         # Players are not trusted as hosts are. Without limits, one player could fill the server.
         opened = (not one.asker.names.isdisjoint(asker.names) for one in self._open.values())
         if sum(opened) >= MAX_OPEN:
             message = f"{MAX_OPEN} of your rematches are open already; play or end one first"
             raise ProtocolError("rate/episodes", message, "rematch")
-        if not asker.host:
-            game.allowance.charge(self._now())
+        if asker.host:
+            return
+        open_ = (one.chain == game.chain and not one.asker.host for one in self._open.values())
+        if sum(open_) >= MAX_OPEN_OF_GAME:
+            message = f"{MAX_OPEN_OF_GAME} rematches of this game are open already; join or end one"
+            raise ProtocolError("rate/episodes", message, "rematch")
+        game.allowance.charge(self._now())
 
     def opened(self, game: FinishedGame, room: Room, asker: Asker) -> None:
         """Note the room of a game's rematch."""
         game.next = room.id
-        self._open[room] = _OpenRematch(asker, game.allowance)
+        self._open[room] = _OpenRematch(asker, game.allowance, game.chain)
 
     def continued(self, room: Room, names: Iterable[str]) -> None:
         """Note a rematch that began in another process, with the names of who requested it.
@@ -217,7 +232,7 @@ class Rematches:
         That process knows which game it continues. Here it counts as one that is read from a
         recording, so that its own recording is charged.
         """
-        self._open[room] = _OpenRematch(Asker(frozenset(names)), self._archived)
+        self._open[room] = _OpenRematch(Asker(frozenset(names)), self._archived, room.id)
 
     def drop(self, room: Room) -> None:
         """Forget a rematch that continues in another process."""
