@@ -82,6 +82,9 @@ RECENT = 25
 MAX_WORKED = 64
 """Number of actions of other participants that are remembered."""
 
+PASSING = 5
+"""Steps for which a plan needs others to step aside or help before the team asks in real time."""
+
 PENSIVE = 2
 """Steps of planning without another action after which a seat makes way."""
 
@@ -249,7 +252,9 @@ class PlannerPolicy:
         state, watch = self._state, self._followed
         if state is not None and watch is not None and not state.goal_reached:
             self._talk.answer(watch.script, state, self._company.team)
-            if self._company.spokesman:
+            # In real time, a person who passes by leaves a place before it could be asked for.
+            passing = self._hurried and self._step - watch.base.step < PASSING
+            if self._company.spokesman and not passing:
                 team, others = self._company.team, self._company.outsiders
                 self._talk.ask_for_help(watch, state, self._step, team, others)
         return self._talk.speak(among_bots=self._company.has_bots())
