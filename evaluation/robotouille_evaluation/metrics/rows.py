@@ -22,7 +22,10 @@ MAX_NUMBER = 2**53
 Number = Annotated[int, Field(ge=0, le=MAX_NUMBER)]
 Measure = Annotated[float, Field(ge=-MAX_NUMBER, le=MAX_NUMBER)]
 """Measured number. Sums and means of larger ones could overflow."""
-MAX_ROWS_BYTES, MAX_ROW_BYTES = 1 << 29, 1 << 20
+MAX_NAME = 1000
+Name = Annotated[str, Field(max_length=MAX_NAME)]
+"""Name in a table or heading of a report. Tables take many times the memory of their texts."""
+MAX_ROWS_BYTES, MAX_ROW_BYTES = 1 << 28, 1 << 17
 """Bytes of a file of rows, and of one row."""
 MAX_LINES, MAX_COMMAS = 100_000, 10_000_000
 """Lines of a file of rows, and commas in them, an upper bound of their values."""
@@ -44,9 +47,9 @@ _NO_FIELDS: set[str] = set()
 class PackId(RowModel):
     """Pack of the task; `digest` is the hash of its whole content."""
 
-    name: str
-    version: str
-    digest: str
+    name: Name
+    version: Name
+    digest: Name
 
 
 class BudgetRow(RowModel):
@@ -209,13 +212,13 @@ class ResultRow(RowModel):
         error: Reason why the episode could not be played to its end.
     """
 
-    run: str
+    run: Name
     job: str = ""
     pack: PackId
-    dataset: str
-    task: str
-    instance: str
-    kind: str = ""
+    dataset: Name
+    task: Name
+    instance: Name
+    kind: Name = ""
     seed: int = Field(default=0, ge=-MAX_NUMBER, le=MAX_NUMBER)
     agent: str
     strategy: str = ""

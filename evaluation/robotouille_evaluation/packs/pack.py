@@ -16,7 +16,9 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import Field
 
 from robotouille import Task, World
 from robotouille.domain.json_files import parse_json, validate
@@ -36,6 +38,9 @@ from robotouille_evaluation.packs.experiment import Experiment
 
 InstanceKind = Literal["default", "free", "noisy"]
 """Layout of objects: as in the task, anywhere, or moved in groups, which is easier."""
+
+PackName = Annotated[str, Field(max_length=1000)]
+"""Name of a pack or a part of it. Results with longer names are refused."""
 
 N = TypeVar("N")
 MAX_NAMED = 10
@@ -105,8 +110,8 @@ class PackTask:
     constant need not be optimal.
     """
 
-    name: str
-    dataset: str
+    name: PackName
+    dataset: PackName
     problem: str
     optimal: int | None
     optimal_from: str
@@ -120,8 +125,8 @@ class PackInstance:
     the layout. `seats` is the usual number of players. `plans` are the shortest known plans.
     """
 
-    id: str
-    task: str
+    id: PackName
+    task: PackName
     kind: InstanceKind
     seed: int | None
     seed_used: int | None
@@ -165,8 +170,8 @@ class Pack:
     `domain` is the text of a domain file that extends no other. `figures` are published results.
     """
 
-    name: str
-    version: str
+    name: PackName
+    version: PackName
     domain: str
     tasks: tuple[PackTask, ...]
     instances: tuple[PackInstance, ...]

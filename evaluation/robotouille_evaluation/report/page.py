@@ -45,6 +45,8 @@ EPISODES_HINT = (
     "prompts and answers of a model. Paths are relative to the folder in which this report was "
     "made."
 )
+MAX_ERROR = 300
+"""Characters of an error that the page shows; `rows.parquet` has all of them."""
 FOOTER = "docs/metrics.md defines each metric."
 
 
@@ -147,7 +149,7 @@ def _notes(rows: Sequence[ResultRow]) -> Iterator[str]:
     broken = [row for row in rows if row.error]
     unproven = sum(not row.optimum.proven for row in outcomes.with_goal(rows))
     if broken:
-        first = f"the first: {broken[0].error}"[:300]
+        first = f"the first: {broken[0].error}"[:MAX_ERROR]
         yield f"{_episode_count(len(broken))} ended with an error and count as failed; {first}"
     if unproven:
         yield (
@@ -223,7 +225,7 @@ def _episode(row: ResultRow, folder: Path) -> TableRow:
     )
     return TableRow((
         instance, Cell(result, css=css), *map(str, numbers),
-        row.error or why, Cell(path, code=bool(path)),
+        (row.error or why)[:MAX_ERROR], Cell(path, code=bool(path)),
     ))  # fmt: skip
 
 

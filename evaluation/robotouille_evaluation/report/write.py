@@ -26,6 +26,8 @@ from robotouille_evaluation.report.grouping import datasets, tasks
 from robotouille_evaluation.report.reference import reference_of
 from robotouille_evaluation.report.tables import all_tables, csv_text
 
+ROW_GROUP = 250
+"""Rows that are converted at once, because that takes several times their memory."""
 OURS = "ours"
 """Name of the pack with the shipped tasks."""
 
@@ -86,8 +88,10 @@ def write_report(
     return page
 
 
-def _order(row: ResultRow) -> tuple[str, ...]:
-    return (row.dataset, row.task, row.instance, row.player, row.model_dump_json())
+def _order(row: ResultRow) -> tuple[object, ...]:
+    # The digest distinguishes other rows without a copy of their texts.
+    digest = sha256(row.model_dump_json().encode()).digest()
+    return (row.dataset, row.task, row.instance, row.player, row.seed, row.run, row.job, digest)
 
 
 def _file_names(names: Sequence[str]) -> list[str]:
@@ -141,9 +145,10 @@ def write_parquet(rows: Sequence[ResultRow], path: Path) -> None:
         dict[str, Measure]: pa.map_(pa.string(), pa.float64()),
     }
     schema = pa.schema([(name, types[kind]) for name, kind in _columns(ResultRow)])
-    table = pa.Table.from_pylist([dict(_cells(row)) for row in rows], schema=schema)
-    with whole_file(path, text=False) as file:
-        pq.write_table(table, file)
+    with whole_file(path, text=False) as file, pq.ParquetWriter(file, schema) as writer:
+        for begin in range(0, len(rows), ROW_GROUP):
+            cells = [dict(_cells(row)) for row in rows[begin : begin + ROW_GROUP]]
+            writer.write_table(pa.Table.from_pylist(cells, schema=schema))
 
 
 def _columns(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -55,6 +55,8 @@ from robotouille_evaluation.runs.text_episode import (
     play_team,
 )
 
+MAX_ERROR = 10_000
+"""Characters of an error that a row keeps. Files with too long rows cannot be read."""
 MAX_WORLDS = 16
 """Maximum number of worlds that a process keeps for later episodes."""
 
@@ -116,7 +118,7 @@ async def play_job(
         seconds=max(0.0, context.clock() - begun),
         repetitions=measured.repetitions,
         recording=recording,
-        error=error,
+        error=error[:MAX_ERROR] if error else error,
         measures=measured.measures,
     )
 

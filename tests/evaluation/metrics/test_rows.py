@@ -44,7 +44,8 @@ def test_damaged_line_is_an_error(tmp_path: Path) -> None:
     [
         ("\n" * 100_001, "more than 100,000 lines"),
         (f"{' ' * 1_000}{',' * 1_000_000}\n", "line 1: "),
-        (" " * 1_100_000, "line 1: is longer than 1,048,576 bytes"),
+        (" " * 140_000, "line 1: is longer than 131,072 bytes"),
+        (f"{' ' * 130_000}\n" * 2_100, "the file is longer than 268,435,456 bytes"),
     ],
 )
 def test_endless_rows_are_refused(tmp_path: Path, text: str, words: str) -> None:
@@ -87,6 +88,8 @@ def test_player_of_a_row() -> None:
 @pytest.mark.parametrize(
     "fields",
     [
+        {"task": "x" * 1001},
+        {"pack": {"name": "x" * 1001, "version": "1", "digest": "0"}},
         {"seed": 10**30},
         {"seed": -(10**30)},
         {"attempts": 10**30},

@@ -150,6 +150,13 @@ def test_pack_that_could_not_be_read_is_not_written(tmp_path: Path, pack: Pack) 
     assert not (tmp_path / "large").exists()
 
 
+def test_name_that_is_too_long_for_results_is_an_error(folder: Path, pack: Pack) -> None:
+    tasks = tuple(replace(task, name="x" * 1001) for task in pack.tasks)
+    write_pack(replace(pack, tasks=tasks), folder)
+    with pytest.raises(FileError, match=r"tasks.0.name: String should have at most 1000"):
+        read_pack(folder)
+
+
 def replace_lists(folder: Path, content: bytes) -> None:
     manifest = json.loads((folder / "manifest.json").read_text())
     for name in ("tasks.json", "instances.json", "prompts.json"):

@@ -95,6 +95,13 @@ def test_page_names_the_best_agents_if_any_succeeded() -> None:
     assert f"{part}: d and 1 more<" in results_page(both, (), ())
 
 
+def test_page_shows_the_beginning_of_an_error() -> None:
+    """The page contained all of each error, so that long ones took gigabytes."""
+    page = results_page([row(error="no answer " * 10_000)], (), ())
+    assert "no answer no answer" in page
+    assert len(page) < len(results_page([row()], (), ())) + 1_000
+
+
 @pytest.mark.slow
 def test_text_of_rows_is_escaped() -> None:
     pack = PackId(name=HOSTILE, version=HOSTILE, digest=HOSTILE)

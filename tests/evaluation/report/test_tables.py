@@ -358,6 +358,12 @@ def test_every_field_of_a_row_is_a_column(tmp_path: Path) -> None:
     assert table["measures_failure_category"].to_pylist() == categories
 
 
+def test_rows_are_converted_in_groups(tmp_path: Path) -> None:
+    """Conversion takes several times the memory of the rows."""
+    write_parquet([row()] * 251, tmp_path / "rows.parquet")
+    assert pq.ParquetFile(tmp_path / "rows.parquet").num_row_groups == 2
+
+
 def test_schema_does_not_depend_on_the_rows(tmp_path: Path) -> None:
     schemas = []
     for number, rows in enumerate(([], [row()], list(made_up_rows(1)))):

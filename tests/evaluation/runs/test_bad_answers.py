@@ -21,7 +21,7 @@ from robotouille_evaluation.models import (
 )
 from robotouille_evaluation.models.scripted import Scripted
 from robotouille_evaluation.packs.pack import Pack
-from robotouille_evaluation.runs import AgentSpec, plan_jobs
+from robotouille_evaluation.runs import AgentSpec, RunFolder, plan_jobs
 from tests.support.runs import row_of, small_pack, started_run
 from tests.support.samples import quick_sample
 
@@ -125,3 +125,11 @@ def test_calls_without_an_answer_are_counted(tmp_path: Path) -> None:
     row, _ = in_process(tmp_path, Stubborn(fault), "react-none")
     assert row.error is not None and row.outcome.ended_by == "error"
     assert (row.counts.calls, row.counts.retries) == (2, 5)
+
+
+def test_long_error_leaves_a_row_that_can_be_read(tmp_path: Path) -> None:
+    fault = ModelError(ModelErrorKind.REFUSED, "no " * MEGABYTE)
+    row, _ = in_process(tmp_path, Stubborn(fault), "react-none")
+    RunFolder(tmp_path).add(row)
+    assert RunFolder(tmp_path).rows() == [row]
+    assert row.error is not None and "no no" in row.error
