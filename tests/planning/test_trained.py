@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import os
+import struct
+import tracemalloc
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -152,6 +154,10 @@ def test_hostile_archives_are_refused(tmp_path: Path) -> None:
     file_with(path, {"more": np.zeros(65 << 20, np.uint8)})
     with pytest.raises(FileError, match="arrays are larger than 64 MiB"):
         read_actor(path)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.comment = b"The end of the archive could be anywhere."
+    with pytest.raises(FileError, match="not a trained policy"):
+        read_actor(path)
     file_with(path, {})
     content = bytearray(path.read_bytes())
     content[len(content) // 3 : len(content) // 2] = b"\xff" * (
@@ -163,6 +169,31 @@ def test_hostile_archives_are_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.npz")
     with pytest.raises(FileError, match="not a regular file"):
         read_actor(tmp_path / "pipe.npz")
+
+
+def archive_of(entries: int, *, large: bool) -> bytes:
+    """Return an archive whose list names one entry again and again."""
+    listed = b"PK\1\2" + bytes(24) + b"\5" + bytes(17) + b"a.npy"
+    size = len(listed) * entries
+    if not large:
+        return listed * entries + struct.pack("<4s4H2LH", b"PK\5\6", 0, 0, 1, 1, size, 0, 0)
+    record = struct.pack("<4sQ2H2L4Q", b"PK\6\6", 44, 45, 45, 0, 0, entries, entries, size, 0)
+    locator = struct.pack("<4sLQL", b"PK\6\7", 0, size, 1)
+    end = struct.pack("<4s4H2LH", b"PK\5\6", 0, 0, *[0xFFFF] * 2, *[0xFFFFFFFF] * 2, 0)
+    return listed * entries + record + locator + end
+
+
+@pytest.mark.parametrize("large", [False, True])
+def test_entries_of_an_archive_are_not_read_if_there_are_many(tmp_path: Path, large: bool) -> None:
+    """A file of 60 MiB took more than half a gigabyte of memory."""
+    path = tmp_path / "many.npz"
+    path.write_bytes(archive_of(20_000, large=large))
+    tracemalloc.start()
+    with pytest.raises(FileError, match="more than 200 arrays"):
+        read_actor(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 200_000
 
 
 def test_networks_of_another_shape_are_refused() -> None:

@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NoReturn
 
+from robotouille.domain.json_files import MAX_VALUES, weight
 from robotouille.errors import Fault, FileError
 from robotouille.files.reading import open_regular
 from robotouille_evaluation.packs.pack import FigureData
@@ -84,7 +85,10 @@ def _cells(path: Path) -> Iterator[str]:
             content = file.read(MAX_NOTEBOOK_BYTES + 1)
         if len(content) > MAX_NOTEBOOK_BYTES:
             _fail(path, f"the file is longer than {MAX_NOTEBOOK_BYTES:,} bytes")
-        notebook = json.loads(content)
+        text = content.decode("utf-8-sig")
+        if (found := weight(text)) > MAX_VALUES:
+            _fail(path, f"has up to {found:,} values; at most {MAX_VALUES:,} are read")
+        notebook = json.loads(text)
     except OSError as error:
         _fail(path, f"cannot be read: {error.strerror or error}")
     except (ValueError, RecursionError):

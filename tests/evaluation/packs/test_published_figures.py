@@ -100,6 +100,12 @@ def test_files_that_are_not_such_a_notebook(tmp_path: Path, text: str) -> None:
     assert NOTEBOOK in imported.missing or NOTEBOOK in imported.faults[0]
 
 
+def test_notebook_of_millions_of_lists_is_not_parsed(tmp_path: Path) -> None:
+    text = f'{{"cells": [{"[]," * 2_000_000}[]]}}'
+    imported = read_checkout(write_checkout(tmp_path / "checkout", {NOTEBOOK: text}), seeds=())
+    assert "values; at most 4,000,000 are read" in imported.faults[0]
+
+
 def test_text_that_looks_like_assignments_is_read_once(tmp_path: Path) -> None:
     # Each of these lines begins inside a text, and a literal behind it would be read to the end.
     lines = 1000 * "'''\nsynchronous_optimality = [ #'''\n"

@@ -30,6 +30,11 @@ MAX_BYTES = 64 << 20
 """Largest size of a file's arrays, packed or not."""
 MAX_ARRAYS = 200
 MAX_NAME = 200
+MAX_DIRECTORY_BYTES = 64 << 10
+"""Largest list of an archive's entries. An entry of NumPy takes about 60 bytes."""
+END, LOCATOR = b"PK\5\6", b"PK\6\7"
+"""Signatures of the last record of an archive and, if it is large, of the record before."""
+END_BYTES, LOCATOR_BYTES = 22, 20
 PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Methods of compression that NumPy uses. Others can reserve gigabytes."""
 
@@ -121,6 +126,7 @@ UNREADABLE = (
 def _check_archive(file: IO[bytes]) -> None:
     if file.seek(0, io.SEEK_END) > MAX_BYTES:
         raise ValueError(f"it is larger than {MAX_BYTES >> 20} MiB")
+    _check_end(file)
     with zipfile.ZipFile(file) as archive:
         entries = archive.infolist()
     if len(entries) > MAX_ARRAYS:
@@ -129,6 +135,20 @@ def _check_archive(file: IO[bytes]) -> None:
         raise ValueError(f"its arrays are larger than {MAX_BYTES >> 20} MiB")
     if any(entry.compress_type not in PACKINGS or entry.flag_bits & 1 for entry in entries):
         raise ValueError("it is encrypted, or compressed in another way than NumPy does")
+
+
+def _check_end(file: IO[bytes]) -> None:
+    """Refuse an archive with too many entries, before `zipfile` makes an object of each."""
+    size = file.seek(0, io.SEEK_END)
+    file.seek(max(0, size - END_BYTES - LOCATOR_BYTES))
+    last = file.read()
+    end = last[-END_BYTES:]
+    # If a comment follows, `zipfile` finds the record elsewhere. NumPy writes no comment.
+    if not end.startswith(END) or not end.endswith(b"\0\0"):
+        raise zipfile.BadZipFile("File is not a zip file")
+    directory = int.from_bytes(end[12:16], "little")
+    if last[:-END_BYTES].startswith(LOCATOR) or directory > MAX_DIRECTORY_BYTES:
+        raise ValueError(f"it has more than {MAX_ARRAYS} arrays")
 
 
 def _actor(arrays: Any) -> Actor:
