@@ -1,10 +1,15 @@
-"""Lines and chat messages that wait for an MCP client's next call."""
+"""Texts of a server that reach an MCP client."""
 
 from __future__ import annotations
 
+import pytest
+from mcp.server.mcpserver.exceptions import ToolError
+
+from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_client.game import Game
 from robotouille_client.mcp_server.open_game import MAX_CHAT, MAX_LINES, GameLog
+from robotouille_client.mcp_server.results import explained
 from robotouille_client.sansio.game_events import Announced, ChatReceived
 from tests.support.scripted_server import ScriptedServer
 
@@ -34,3 +39,9 @@ def test_longest_chat_message_is_whole() -> None:
     for event in game.poll():
         log.take(event)
     assert [chat.text for chat in log.read().chat] == ["x" * 500]
+
+
+def test_errors_are_limited_in_length() -> None:
+    with pytest.raises(ToolError) as error, explained():
+        raise ProtocolError("task/invalid", "x" * 10**6)
+    assert 4000 < len(str(error.value)) < 5000

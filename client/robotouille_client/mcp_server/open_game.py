@@ -20,6 +20,7 @@ from robotouille_client.mcp_server.results import (
     EpisodeOutcome,
     GameView,
     ValidActions,
+    shortened,
 )
 from robotouille_client.sansio.game_events import (
     ActResult,
@@ -35,8 +36,6 @@ from robotouille_client.sansio.game_events import (
 MAX_LINES = 40
 MAX_CHAT = 40
 """Maximum numbers of unread lines and chat messages, because a model's context is limited."""
-MAX_TEXT = 500
-"""Maximum number of characters of a line, chat message or reason; the longest chat message."""
 MAX_REASONS = 16
 
 
@@ -111,7 +110,7 @@ class GameLog:
     def _write(self, line: str) -> None:
         self.unread = True
         self._taken += 1
-        self._lines.append(_shortened(line))
+        self._lines.append(shortened(line))
 
     def _changed(self, event: StateChanged) -> None:
         step, self._step = self._step, event.step
@@ -131,7 +130,7 @@ class GameLog:
     def _heard(self, event: ChatReceived) -> None:
         own = event.name == self._game.name and event.seat == (self._game.seat or "")
         self._taken += 1
-        self._chat.append(HeardChat(event.name, event.seat, _shortened(event.text), own))
+        self._chat.append(HeardChat(event.name, event.seat, shortened(event.text), own))
         if own:
             self.own_messages += 1
         else:
@@ -156,10 +155,6 @@ class GameLog:
                 continue
             if (before.name, before.controller) != (seat.name, seat.controller):
                 yield _who_plays(seat)
-
-
-def _shortened(text: str) -> str:
-    return text if len(text) <= MAX_TEXT else f"{text[:MAX_TEXT]}…"
 
 
 def _who_plays(seat: messages.SeatInfo) -> str:
@@ -331,7 +326,9 @@ class OpenGame:
         if row is None:
             return None
         return EpisodeOutcome(
-            reason=str(row["reason"]), steps=int(row["steps"]), detail=str(row.get("detail", ""))
+            reason=shortened(str(row["reason"])),
+            steps=int(row["steps"]),
+            detail=shortened(str(row.get("detail", ""))),
         )
 
     def _action(self) -> ActionOutcome | None:
@@ -354,7 +351,7 @@ class OpenGame:
             action=action,
             status="applied" if result.applied else "rejected",
             step=result.step,
-            reasons=[_shortened(reason) for reason in result.reasons[:MAX_REASONS]],
+            reasons=[shortened(reason) for reason in result.reasons[:MAX_REASONS]],
             code=result.code,
             age=result.age,
         )
@@ -365,7 +362,7 @@ class OpenGame:
             return "The episode has ended. Call leave."
         if game.ended:
             why = self._client.farewell or game.farewell
-            reason = f" ({quoted(why)})" if why else ""
+            reason = f" ({quoted(shortened(why))})" if why else ""
             return f"You are out of the episode{reason}. Call leave, then join to return."
         if not self._client.connected.is_set():
             return "The game server does not answer. Reconnecting to your seat. Call wait."

@@ -42,6 +42,15 @@ ADVICE = {
 }
 
 
+MAX_TEXT, MAX_ERROR = 500, 4000
+"""Maximum numbers of characters of a server's text and error. A model's context is limited."""
+
+
+def shortened(text: str, most: int = MAX_TEXT) -> str:
+    """Return a text of a server, cut if it is longer than the longest chat message."""
+    return text if len(text) <= most else f"{text[:most]}…"
+
+
 @contextmanager
 def explained() -> Iterator[None]:
     """Turn errors of the game server and of arguments into results with advice."""
@@ -49,14 +58,14 @@ def explained() -> Iterator[None]:
         yield
     except ProtocolError as error:
         next_step = ADVICE.get(ErrorCode(error.code)) if error.code in set(ErrorCode) else None
-        words = f"{error.code}: {quoted(error.message)}"
+        words = f"{error.code}: {quoted(shortened(error.message, MAX_ERROR))}"
         raise ToolError(f"{words}. {next_step or 'Change the arguments, or observe.'}") from None
     except RetryLaterError:
         raise ToolError("The game server is busy; try again in a few seconds.") from None
     except ConnectionFailedError as error:
         raise ToolError(
-            f"{quoted(str(error))}. Try again in a moment. If that does not help, tell the user "
-            "that the game server is not running or its address is wrong."
+            f"{quoted(shortened(str(error), MAX_ERROR))}. Try again in a moment. If that "
+            "does not help, tell the user that the game server is not running or its address is wrong."
         ) from None
     except RobotouilleError as error:
         raise ToolError(str(error)) from None
