@@ -65,7 +65,8 @@ def explained() -> Iterator[None]:
     except ConnectionFailedError as error:
         raise ToolError(
             f"{quoted(shortened(str(error), MAX_ERROR))}. Try again in a moment. If that "
-            "does not help, tell the user that the game server is not running or its address is wrong."
+            "does not help, tell the user that the game server is not running or its address is "
+            "wrong."
         ) from None
     except RobotouilleError as error:
         raise ToolError(str(error)) from None
