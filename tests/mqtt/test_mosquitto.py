@@ -31,6 +31,7 @@ from tests.support.brokers import Mosquitto, missing, mosquitto, role_token
 from tests.support.pages import DOCS
 from tests.support.processes import started
 from tests.support.servers import serving
+from tests.support.worker_processes import free_ports
 
 pytestmark = [
     pytest.mark.process,
@@ -254,6 +255,26 @@ async def test_documented_access_list_restricts_users(tmp_path: Path) -> None:
                 assert topics <= {"presence", "life", "steps"}, (
                     "no commands, and no replies to others"
                 )
+
+
+async def test_documented_listener_keeps_the_servers_client_id(tmp_path: Path) -> None:
+    conf = (DOCS / "mqtt.md").read_text().split('title="mosquitto.conf"\n')[1].split("```")[0]
+    port = free_ports(1)
+    others = f"listener {port} 127.0.0.1" + conf.partition("listener 1884")[2]
+    users = {"robotouille": "one", "dashboard": "three"}
+    with mosquitto(tmp_path / "broker", users, options=others.splitlines()) as broker:
+        (password := tmp_path / "password").write_text("one\n")
+        password.chmod(0o600)
+        user = {"mqtt": broker.url.replace("//", "//robotouille@"), "mqtt_password_file": password}
+        async with (
+            on_mosquitto(tmp_path / "r", broker, **user) as server,
+            subscribed(broker, username="robotouille", password="one") as lab,
+        ):
+            await lab.until(lambda: lab.states() == ["online"])
+            dashboard: dict[str, Any] = {"username": "dashboard", "password": "three"}
+            async with aiomqtt.Client("127.0.0.1", port, identifier="robotouille-lab", **dashboard):
+                assert (await lab.ask(type="list", ref="l", token=role_token(server)))["ok"]
+            assert lab.states() == ["online"], "the server had to connect again"
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
