@@ -341,6 +341,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               f"{SPECTATOR_SHARE * CHAT_LINES_AT_ONCE:g}", "`say` is refused.", "rate/chat"),
         Limit("Interval of deliveries to spectators", f"{DELIVERY_SECONDS:g} s",
               "Messages are sent together; only the last text view is sent."),
+        Limit("Interval of text views for players in real time", f"{DELIVERY_SECONDS:g} s",
+              "Only the last text view is sent."),
         Limit("Deltas in a delivery to spectators", f"{MAX_STEPS}, {_size(MAX_STEP_BYTES)}",
               "A snapshot replaces them."),
         Limit("Recorded text per seat: reasoning, rejected actions, chat, notes",

@@ -66,6 +66,7 @@ class EpisodeRecord:
     """
 
     __slots__ = (
+        "_last_seen",
         "_seen",
         # Slots and shared objects brought a room of two from 137 to 52 KiB (docs/decisions/0019).
         "audience_quota",
@@ -99,6 +100,7 @@ class EpisodeRecord:
         self.world = world
         self.rules = rules
         self.sight = rules.limited_sight
+        self._last_seen: dict[tuple[str, ...], Seen] = {}
         self._seen: list[tuple[State, dict[tuple[str, ...], Seen]]] = []
         self.random_reversal = random_reversal
         self.state: State = world.initial
@@ -375,7 +377,11 @@ class EpisodeRecord:
             kept = {}
             self._seen = [*self._seen[-(KEPT_STATES - 1) :], (state, kept)]
         if players not in kept:
-            kept[players] = seen_by(state, players, sight)
+            seen = seen_by(state, players, sight)
+            # Players often see nothing change. Finding the actions and writing the text again
+            # would take twenty times as long as finding what is in sight.
+            last = self._last_seen.get(players)
+            kept[players] = self._last_seen[players] = last if last == seen else seen
         return kept[players]
 
     def seen_state(self, player: str) -> State:

@@ -88,7 +88,7 @@ class Seen:
         rank, names = ranks(self.state.world), (thing.name for thing in self.state.objects)
         return tuple(sorted((n for n in names if n not in self.things), key=rank.__getitem__))
 
-    @cached_property
+    @property
     def actions(self) -> tuple[GroundAction, ...]:
         """The actions of the first player; see `actions_of`."""
         return self.actions_of(self.players[0])
@@ -98,7 +98,18 @@ class Seen:
 
         If another condition is out of sight, the action may turn out to be invalid.
         """
-        return tuple(_seemingly_valid(self.state, player, self._doubtful))
+        if player not in self._actions:
+            self._actions[player] = tuple(_seemingly_valid(self.state, player, self._doubtful))
+        return self._actions[player]
+
+    # Texts need the actions, too, and finding them takes most of the time.
+    @cached_property
+    def _actions(self) -> dict[str, tuple[GroundAction, ...]]:
+        return {}
+
+    @cached_property
+    def _texts(self) -> dict[str, str]:
+        return {}
 
     @cached_property
     def _doubtful(self) -> int:
@@ -128,6 +139,11 @@ class Seen:
 
     def text_view(self, player: str) -> str:
         """Return the text for a language model, as `State.text_view` does."""
+        if player not in self._texts:
+            self._texts[player] = self._written_text(player)
+        return self._texts[player]
+
+    def _written_text(self, player: str) -> str:
         world, state = self.state.world, self.state
         if world.shift is not None and state.orders is not None:
             end = orders_text(world, world.shift, state.orders)

@@ -41,6 +41,7 @@ from robotouille_server.rooms.publishing.episode_messages import (
     sent_task,
 )
 from robotouille_server.rooms.publishing.limited_sight import LimitedSight
+from robotouille_server.rooms.publishing.text_views import TextViews
 from robotouille_server.rooms.recording.write_ahead import CommitGate
 from robotouille_server.runtime.budgets import TEXT_COST
 from robotouille_server.runtime.timer_queue import TimerQueue
@@ -116,7 +117,9 @@ class Broadcaster:
         "_public",
         "_roster_waits",
         "_said",
+        "_shown_step",
         "_snapshots",
+        "_text_views",
         "_told",
         "_told_by",
         "long_wait",
@@ -156,6 +159,8 @@ class Broadcaster:
         self._audience = Audience(
             timers, loop_budget, self._public_observation, self._commit_snapshot
         )
+        self._text_views = TextViews(timers, loop_budget, self._commit_views)
+        self._shown_step: Stepped | None = None
         self._deltas: deque[bytes] = deque(maxlen=KEPT_DELTAS)
         self._last_delta = 0
         self._last_roster: messages.Roster | None = None
@@ -225,6 +230,7 @@ class Broadcaster:
         """Send nothing more to a session."""
         if session in self.members:
             self.members.remove(session)
+        self._text_views.discard(session)
         self._audience.leave(session)
 
     def welcome(self, session: Session, ref: int | None, resume: str) -> None:
@@ -315,7 +321,7 @@ class Broadcaster:
         # (docs/decisions/0016).
         shared = SharedStep(delta, event, MSGPACK, frame_of(payload))
         self._audience.add(shared)
-        texts: dict[str | None, SharedMessage] = {}
+        self._shown_step = event
         for session in self.members:
             peer = session.peer
             if peer is None or not session.players:
@@ -332,14 +338,9 @@ class Broadcaster:
                     seen = self._limited.delta(event, session.players)
                     peer.send_frame(frame_of(peer.codec.pack(seen)))
             if session.wants_text:
-                self._send_observations(session, event, texts)
+                self._send_text(session, event)
 
-    def _send_observations(
-        self,
-        session: Session,
-        event: Stepped,
-        texts: dict[str | None, SharedMessage],
-    ) -> None:
+    def _send_text(self, session: Session, event: Stepped) -> None:
         """Send a text client the rejections of its own actions, then its view of the state."""
         for move, attempt in zip(event.moves, event.attempts, strict=True):
             if move.player in session.players and not attempt.applied and not session.wants_state:
@@ -355,16 +356,28 @@ class Broadcaster:
                     seat=session.seat_shown(move.player),
                 )
                 self.send(session, rejected)
+        if self._episode.rules.scheduled:
+            self._text_views.add(session)
         # A text shows a whole state. Of several steps published together, only the last is shown:
         # nobody could decide between them.
-        if event.step < self._episode.step:
+        elif event.step == self._episode.step:
+            self._loop_budget.spend(TEXT_COST * len(session.views))
+            self._send_views(session)
+
+    def _commit_views(self, session: Session) -> None:
+        # The views contain the answer to the last action, which may not be written yet.
+        if self._gate.closed:
+            self._gate.when_committed(session, partial(self._send_views, session))
+        else:
+            self._send_views(session)
+
+    def _send_views(self, session: Session) -> None:
+        """Send a text client its views of the state after the last published step."""
+        peer, event = session.peer, self._shown_step
+        if peer is None or event is None:
             return
         for player in session.views:
-            if player not in texts:
-                texts[player] = self._observation_after(event, player)
-                self._loop_budget.spend(TEXT_COST)
-            if session.peer is not None:
-                session.peer.send_frame(texts[player].frame(session.peer.codec))
+            peer.send_frame(self._observation_after(event, player).frame(peer.codec))
 
     def _public_observation(self, event: Stepped) -> SharedMessage:
         return self._observation_after(event, None)
@@ -476,6 +489,7 @@ class Broadcaster:
 
     def publish_end(self, outcome: Outcome) -> None:
         """Send the outcome."""
+        self._text_views.deliver_now()
         self.send_all(self._episode_messages.ended(outcome))
 
     def publish_roster(self) -> None:
@@ -573,6 +587,7 @@ class Broadcaster:
             frame = self._snapshots.frame(peer.codec, own, with_task=not known, seen=part)
             peer.answer_frame(frame)
         if session.wants_text:
+            self._text_views.discard(session)
             episode = self._episode
             for player in session.views:
                 seen = episode.state, episode.step, episode.on_turn, episode.phase.value
@@ -635,6 +650,7 @@ class Broadcaster:
 
     def deliver_now(self) -> None:
         """Send what is pending, because the server stops."""
+        self._text_views.deliver_now()
         self._audience.deliver_now()
 
     def send(self, session: Session, message: BaseModel) -> None:
