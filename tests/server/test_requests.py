@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from robotouille.domain.loading import load_task
 from robotouille.episode import RejectionKind
 from robotouille.replay import rejection_kind
 from robotouille.replay.measures import rejections
@@ -248,6 +249,25 @@ async def test_recorded_actions_have_visible_characters_only(tmp_path: Path) -> 
     notes = rejected(tmp_path)
     assert [note["action"] for note in notes[:2]] == ["move", "move(move)"]
     assert '"nme": "move"' in notes[2]["action"]
+
+
+@virtual
+async def test_sentences_of_a_task_may_have_direction_marks(tmp_path: Path) -> None:
+    task, tasks = load_task("synchronous/01"), tmp_path / "tasks"
+    tasks.mkdir()
+    domain = json.dumps(task.json["domain"]).replace("Move {p1}", r"Move \u200e{p1}\u200e")
+    (tasks / "own.json").write_text(domain)
+    problem = {**task.json["problem"], "domain": "own.json"}
+    (tasks / "marked.json").write_text(json.dumps(problem))
+    async with serving(tmp_path / "recordings", tasks=tasks) as server, raw(server) as ada:
+        options = {"task": "marked", "clock": "lockstep"}
+        created = await ada.ask({"type": "create", **options}, "created")
+        joining = {"type": "join", "episode": created["code"], "view": "text"}
+        await ada.ask(joining, "joined")
+        shown = await ada.expect("observation")
+        sentence = next(each for each in shown["actions"] if "\u200e" in each)
+        answer = await ada.ask(act(1, sentence), "observation", "rejected")
+        assert (answer["type"], answer["step"]) == ("observation", 1)
 
 
 def test_actions_above_the_rate_limit(tmp_path: Path) -> None:

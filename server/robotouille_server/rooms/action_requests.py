@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from robotouille.episode import ActionRequest, Episode
-from robotouille.errors import ProtocolError
+from robotouille.errors import ProtocolError, UnknownNameError
 from robotouille.protocol import messages
 from robotouille.protocol.visible_text import plain_text
 from robotouille.world.grounding.actions import GroundAction
@@ -173,13 +173,26 @@ def requested_action(
     if requested is None:
         return None
     if isinstance(requested, str):
-        return plain_text(requested)
+        return _visible(episode, player, requested)
     if isinstance(requested, int):
         return _at(episode, player, requested, request.basis)
     try:
         return episode.world.action(requested.name, *requested.args)
     except KeyError as error:
         raise ProtocolError("action/unknown", str(error.args[0]), "action") from None
+
+
+def _visible(episode: Episode, player: str, text: str) -> GroundAction | str:
+    """Return a text without invisible characters, or the action that it names with them."""
+    shown = plain_text(text)
+    if shown == text:
+        return text
+    # Sentences in scripts from right to left may have direction marks next to names.
+    try:
+        named = episode.world.find_named(text, episode.offered_actions(player))
+    except UnknownNameError:
+        named = None
+    return named or shown
 
 
 def _at(episode: Episode, player: str, index: int, basis: int | None) -> GroundAction:
