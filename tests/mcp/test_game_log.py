@@ -26,19 +26,22 @@ def test_unread_texts_are_limited_in_number_and_length() -> None:
     assert (len(news.chat), len(news.happened)) == (MAX_CHAT, MAX_LINES)
     assert news.left_out == 200 - MAX_CHAT - MAX_LINES
     assert {len(chat.text) for chat in news.chat} == {501}
-    assert {len(line) for line in news.happened} == {501}
+    assert {len(line) for line in news.happened} == {1001}
     assert news.chat[-1].text.startswith("99 x")
 
 
-def test_longest_chat_message_is_whole() -> None:
+def test_longest_chat_message_and_announcement_are_whole() -> None:
     server = ScriptedServer()
     game = Game(server.joined(), lambda: None)
     game.receive(server.snapshot(), 0.0)
     log = GameLog(game)
     game.receive(messages.Said(step=0, number=1, name="bob", text="x" * 500), 0.0)
+    game.receive(messages.Notice(text="y" * 500), 0.0)
     for event in game.poll():
         log.take(event)
-    assert [chat.text for chat in log.read().chat] == ["x" * 500]
+    news = log.read()
+    assert [chat.text for chat in news.chat] == ["x" * 500]
+    assert "y" * 500 in news.happened[-1]
 
 
 def test_errors_are_limited_in_length() -> None:

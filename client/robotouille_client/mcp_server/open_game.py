@@ -15,6 +15,7 @@ from robotouille.terminal import quoted
 from robotouille_client.client import Client
 from robotouille_client.game import ActDetails, Game
 from robotouille_client.mcp_server.results import (
+    MAX_LINE,
     ActionOutcome,
     ChatMessage,
     EpisodeOutcome,
@@ -110,7 +111,7 @@ class GameLog:
     def _write(self, line: str) -> None:
         self.unread = True
         self._taken += 1
-        self._lines.append(shortened(line))
+        self._lines.append(shortened(line, MAX_LINE))
 
     def _changed(self, event: StateChanged) -> None:
         step, self._step = self._step, event.step

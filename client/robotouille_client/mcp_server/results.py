@@ -42,12 +42,15 @@ ADVICE = {
 }
 
 
-MAX_TEXT, MAX_ERROR = 500, 4000
-"""Maximum numbers of characters of a server's text and error. A model's context is limited."""
+MAX_TEXT, MAX_LINE, MAX_ERROR = 500, 1000, 4000
+"""Maximum numbers of characters of a server's text, of a line about an event, and of an error.
+
+A model's context is limited. A line can contain the longest announcement of an operator.
+"""
 
 
 def shortened(text: str, most: int = MAX_TEXT) -> str:
-    """Return a text of a server, cut if it is longer than the longest chat message."""
+    """Return a text of a server, cut if it is longer than `most` characters."""
     return text if len(text) <= most else f"{text[:most]}…"
 
 
