@@ -49,6 +49,7 @@ from tests.programs.page_flood import PageFlood
 from tests.programs.record_flood import Kind, RecordFlood
 from tests.programs.rematch_flood import RematchFlood
 from tests.programs.resume_storm import ResumeStorm
+from tests.programs.text_flood import TextFlood, TextFloodKind
 from tests.support.fuzzing.wire import BINARY, CONTINUATION, PING, PONG, TEXT, frame, request
 from tests.support.nats import missing, nats_cluster
 from tests.support.server_process import ServerProcess, server_process
@@ -109,7 +110,8 @@ class Flood:
     players send; with `resyncs`, these spectators ask for snapshots. With `resumes`, the
     connections are spectators that vanish all at once and resume their sessions. With `rematches`,
     players end games and ask for rematches. With `delayed`, players of delayed seats act. With
-    `elsewhere`, its connections are remote; new clients are then remote too and have a token.
+    `texts`, players read the text of all seats in games of this kind. With `elsewhere`, its
+    connections are remote; new clients are then remote too and have a token.
     `rooms` is the number of other episodes on the server. With `page`, each connection requests
     this page again and again; with `operator`, from the operator port. With `loads`, so many loads
     of the browser client begin each second. With `records`, the server uses TLS with an RSA key,
@@ -132,6 +134,7 @@ class Flood:
     resumes: bool = False
     rematches: bool = False
     delayed: bool = False
+    texts: TextFloodKind | None = None
     page: str = ""
     loads: int = 0
     operator: bool = False
@@ -219,6 +222,12 @@ FLOODS = {
     ),
     "delayed": Flood(
         "actions of players of delayed seats, from 16 connections", delayed=True, connections=16
+    ),
+    "declared": Flood(
+        "declared thinking times of a day, in 2 games", texts="declared", connections=2
+    ),
+    "rematch-sight": Flood(
+        "texts of limited sight in the rematches of one game", texts="rematches", connections=1
     ),
     "metrics": Flood("reads of the metrics, from 60 connections", page="/metrics", connections=60),
     "operator": Flood(
@@ -391,6 +400,7 @@ def attack(name: str, port: int, code: str) -> None:
     )
     records = RecordFlood(port, flood.connections, flood.records) if flood.records else None
     delayed = DelayFlood(port, flood.connections) if flood.delayed else None
+    texts = TextFlood(port, flood.texts, flood.connections) if flood.texts else None
     print(READY, end="", flush=True)
     if name == "none" or flood.broker:
         time.sleep(3600)
@@ -403,6 +413,8 @@ def attack(name: str, port: int, code: str) -> None:
         records.run()
     if delayed is not None:
         delayed.run()
+    if texts is not None:
+        texts.run()
     if flood.resumes:
         ResumeStorm(port, code, flood.connections).run()
     if flood.rematches:

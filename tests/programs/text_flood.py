@@ -1,0 +1,147 @@
+"""Players who take all seats of real-time games and read the text of each.
+
+With `declared`, each action has the longest thinking time, so that the steps of the whole game are
+due at once. With `rematches`, sight is limited, and players open rematches of rematches of one game
+as long as the server allows it.
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+from contextlib import suppress
+from typing import Literal
+
+from tests.programs.flood_client import CHUNK, connect, message, read_until, text_after
+
+__all__ = ["TextFlood", "TextFloodKind"]
+
+TextFloodKind = Literal["declared", "rematches"]
+
+ELSEWHERE = "X-Forwarded-For: 203.0.113.9\r\n"
+"""Header of a proxy, so that the server treats the connection as a player's, not a host's."""
+SEATS = 4
+LONGEST_MS = 86_400_000
+ROUNDS = 3
+"""Rounds in which each ended game is played again. Each round could double their number."""
+GAME = {"type": "create", "task": "multi_agent/10", "seats": SEATS, "clock": "realtime"}
+DECLARED = {**GAME, "thinking": "declared", "max_steps": 5000}
+SIGHT = {
+    **GAME,
+    "step_rate": 20,
+    "max_steps": 1_000_000,
+    "absence": "end",
+    "sight": 2,
+    "sight_blocked": True,
+}
+
+
+def _code_of_new_game(port: int, rules: dict[str, object]) -> str:
+    host = connect(port, "host")
+    host.sendall(message(**rules))
+    code = text_after(read_until(host, b'"created"'), "code")
+    host.close()
+    return code
+
+
+def _join(connection: socket.socket, code: str) -> None:
+    connection.sendall(message(type="join", episode=code, seats="all", view="both", partial=True))
+    read_until(connection, b'"joined"')
+
+
+class _DeclaredPlayer:
+    """Player of one game after another, each in a connection of its own."""
+
+    def __init__(self, port: int) -> None:
+        self._port = port
+        self._received = b""
+        self._connection = self._begun()
+
+    def fileno(self) -> int:
+        return self._connection.fileno()
+
+    def push(self) -> None:
+        """Read what is there; play again after the end."""
+        # The last bytes before may contain the beginning of the type.
+        self._received = self._received[-20:]
+        with suppress(BlockingIOError):
+            self._received += self._connection.recv(CHUNK)
+        if b'"type":"ended"' in self._received:
+            self._connection.close()
+            self._received = b""
+            self._connection = self._begun()
+
+    def _begun(self) -> socket.socket:
+        code = _code_of_new_game(self._port, DECLARED)
+        connection = connect(self._port, "eve", ELSEWHERE)
+        _join(connection, code)
+        for number in range(1, SEATS + 1):
+            act = {"type": "act", "seq": 1, "action": None, "think_ms": LONGEST_MS}
+            connection.sendall(message(**act, seat=f"robot{number}"))
+        connection.setblocking(False)
+        return connection
+
+
+class _Reader:
+    """Player who only reads."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection = connection
+        connection.setblocking(False)
+
+    def fileno(self) -> int:
+        return self._connection.fileno()
+
+    def push(self) -> None:
+        with suppress(BlockingIOError):
+            self._connection.recv(CHUNK)
+
+
+def _rematches(port: int) -> list[_Reader]:
+    """Return the players of all rematches that the server allows of one game."""
+    code = _code_of_new_game(port, SIGHT)
+    ended = [(code, _leave_at_once(port, code))]
+    players: list[_Reader] = []
+    for number in range(ROUNDS + 1):
+        for code, asker in list(ended):
+            # The second request is always refused, the first one only at the server's limit.
+            asker.sendall(message(type="create", rematch=code) + message(type="resync"))
+            answer = read_until(asker, b'"error"')
+            if b'"created"' not in answer:
+                continue
+            again = text_after(answer.split(b'"created"')[1], "code")
+            if number < ROUNDS:
+                ended.append((again, _leave_at_once(port, again)))
+            else:
+                player = connect(port, "eve", ELSEWHERE)
+                _join(player, again)
+                players.append(_Reader(player))
+    return players
+
+
+def _leave_at_once(port: int, code: str) -> socket.socket:
+    """End a game by leaving all its seats; return the connection of its player."""
+    player = connect(port, "eve", ELSEWHERE)
+    _join(player, code)
+    player.sendall(message(type="leave"))
+    read_until(player, b'"type":"left"')
+    return player
+
+
+class TextFlood:
+    """Games whose players read the text of all seats."""
+
+    def __init__(self, port: int, kind: TextFloodKind, games: int) -> None:
+        if kind == "declared":
+            self._players: list[_DeclaredPlayer] | list[_Reader] = [
+                _DeclaredPlayer(port) for _ in range(games)
+            ]
+        else:
+            self._players = [player for _ in range(games) for player in _rematches(port)]
+
+    def run(self) -> None:
+        """Flood the server until the process is killed."""
+        while True:
+            select.select(self._players, [], [])
+            for player in self._players:
+                player.push()
