@@ -478,7 +478,7 @@ def test_a_walk_to_an_occupied_station_is_retried(blocked: Table, goes: bool) ->
 
 def test_a_walk_waits_for_another_player_to_finish_visibly(blocked: Table) -> None:
     taken = goes_to(blocked.source.acted[0]) or ""
-    # As long as somebody takes to cut something and to leave.
+    # Another player takes this long to cut something and to leave.
     for _ in range(50):
         blocked.timer.now += 0.1
         blocked.window.frame(blocked.source)

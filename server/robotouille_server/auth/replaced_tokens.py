@@ -18,7 +18,7 @@ from robotouille_server.runtime.logs import get_logger
 
 MAX_BYTES = 32
 ALL = 2**63
-"""Generation after that of every token."""
+"""Generation above those of all tokens."""
 
 
 class ReplacedTokens:

@@ -89,8 +89,8 @@ class FinishedGame:
         players: The sessions and pseudonyms of all who had a seat.
         banned: The sessions and pseudonyms of all who were removed.
         allowance: The rematches that may still be requested; shared with all rematches of the game.
-        chain: The id of the first game, of which this one is a rematch, or a rematch of one. A game
-            that is read from its recording is the first of its chain.
+        chain: The id of the first game in this game's chain of rematches. A game that is read from
+            its recording begins a chain.
         next: The id of the rematch, if one was opened. All players share one rematch.
     """
 
@@ -215,8 +215,8 @@ class Rematches:
             raise ProtocolError("rate/episodes", message, "rematch")
         if asker.host:
             return
-        open_ = (one.chain == game.chain and not one.asker.host for one in self._open.values())
-        if sum(open_) >= MAX_OPEN_OF_GAME:
+        alike = (one.chain == game.chain and not one.asker.host for one in self._open.values())
+        if sum(alike) >= MAX_OPEN_OF_GAME:
             message = f"{MAX_OPEN_OF_GAME} rematches of this game are open already; join or end one"
             raise ProtocolError("rate/episodes", message, "rematch")
         game.allowance.charge(self._now())

@@ -198,7 +198,7 @@ class ShiftRules:
         return self.returns.things_at(self.serving[station], facts)
 
     def dish_of(self, things: frozenset[str], facts: int) -> str:
-        """Return the dish of the menu that the things are; empty if they are none."""
+        """Return the name of the dish that the things form; empty if they form no dish."""
         alone = self.returns.facts_about(things, facts)
         return next((name for name in self.menu if self._is_dish(name, things, alone)), "")
 

@@ -185,7 +185,7 @@ def test_manifest_that_is_not_an_object(folder: Path, text: str) -> None:
     ("change", "fault"),
     [
         ({"optimal_steps": [5]}, "2 tasks, but 1 optimal_steps"),
-        # Such an id was read as the name of an agent in a Python module, which ran.
+        # The id would also name an agent in a Python module, which would be imported.
         ({"id": "kitchen:react"}, "kitchen:react: the id of an experiment has no colon"),
     ],
 )

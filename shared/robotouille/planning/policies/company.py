@@ -31,7 +31,7 @@ class Company:
 
     @property
     def spokesman(self) -> bool:
-        """True if the seat speaks for its team, so that nothing is said twice."""
+        """True if the seat speaks for its team, which sends each request once."""
         return self._player == min(self.team)
 
     def teammates(self, *, hurried: bool) -> Teammates:
@@ -46,7 +46,7 @@ class Company:
         return any(self._kinds.get(player, "bot") == "bot" for player in others)
 
     def has_listeners(self) -> bool:
-        """Return whether somebody outside the team reads chat messages."""
+        """Return whether a participant outside the team reads chat messages."""
         return any(self._kinds.get(p) in ("human", "model", "bot") for p in self.outsiders)
 
     def meet(self, kinds: Mapping[str, str]) -> bool:

@@ -1,4 +1,4 @@
-"""What a planner bot does while it waits for participants outside its team."""
+"""Actions of a planner bot while it waits for participants outside its team."""
 
 from __future__ import annotations
 
