@@ -13,6 +13,7 @@ from robotouille import GroundAction, State, World, load_task
 from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.episode import ChatPosted, Clock, Episode, Rules
 from robotouille.planning.policies import PlannerOptions, PlannerPolicy, Policy, RandomPolicy
+from robotouille.planning.policies.planner_policy import PASSING
 from robotouille.planning.policies.policy import Speech
 from robotouille.planning.policies.standing import standing_at
 from robotouille.planning.solvers import AnytimePlanner
@@ -225,7 +226,7 @@ def test_a_bot_waits_for_the_help_it_asked_for() -> None:
     marked = [(other, me) in {(w, b) for w, _, b in blocked[step]} for step in range(30, 100)]
     # In between, the bot puts down what it holds, and takes it again.
     assert sum(marked) > 60
-    assert (other, "", me) not in blocked[102], "now it needs the place"
+    assert (other, "", me) not in blocked[103 + PASSING], "now it needs the place"
 
 
 def test_a_walk_to_an_occupied_station_shows_who_blocks() -> None:
