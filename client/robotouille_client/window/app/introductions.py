@@ -19,7 +19,7 @@ from robotouille_client.window.view import View
 def introduction(
     world: World, words: Language, button: str = "Start"
 ) -> Callable[[View], Form | None]:
-    """Return what makes the card of a game from its first view."""
+    """Return a function that makes the card of a game from its first view."""
     wording = Wording(world, language_of(world.task).with_words(words))
     return lambda view: start_card(view, wording, button)
 
@@ -27,7 +27,7 @@ def introduction(
 def start_card(view: View, wording: Wording, button: str) -> Form | None:
     """Return the card before a shift or a game in real time, which a button closes.
 
-    Return None before other games, which have no time to lose, and without anything to say.
+    Other games have no card, because their players have no time to lose.
     """
     task, stars = view.world.task, star_words(view)
     shift = view.world.shift is not None
