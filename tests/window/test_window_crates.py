@@ -67,6 +67,15 @@ def test_e_puts_nothing_on_the_supplies_of_something_else(cook: Cook) -> None:
     assert cook.held == []
 
 
+def test_a_dish_may_begin_with_two_equal_things(cook: Cook) -> None:
+    for crate in ("crate1", "crate1", "crate2"):
+        cook.go(crate)
+        cook.use()
+        cook.go("hatch1")
+        cook.use()
+        assert cook.held == []
+
+
 def test_the_strip_offers_e_only_when_it_does_something(cook: Cook) -> None:
     cook.go("crate1")
     assert cook.strip == {"E": "Take the bread from the crate"}

@@ -161,8 +161,10 @@ class Controls:
 
     def _is_supply(self, station: str, pile: Sequence[str]) -> bool:
         """Return whether a pile is a supply, as in a crate, and not a dish."""
-        several = len(pile) > 1 and all(self._are_alike(pile[0], name) for name in pile)
-        return several and station not in self.world.floor.plain
+        shift = self.world.shift
+        if station in self.world.floor.plain or (shift is not None and station in shift.serving):
+            return False
+        return len(pile) > 1 and all(self._are_alike(pile[0], name) for name in pile)
 
     def _are_alike(self, one: str, other: str) -> bool:
         return self.world.thing(one).kind == self.world.thing(other).kind

@@ -135,8 +135,9 @@ export class Controls {
     if (labelsOf(action).length || at === null || !held.size) return "";
     const [wording, pile, [thing]] = [this.wording(me), thingsUpon(at, placed), thingsUpon(me, placed)];
     const kinds = new Set(pile.map((name) => state.kindOf(name)));
+    const serves = state.kindOf(at) === this.task.problem.shift?.serve.station;
     // A pile of one kind, as in a crate, is a supply and not a dish.
-    const supply = pile.length > 1 && kinds.size === 1 && !this.task.floor.plain.has(at);
+    const supply = pile.length > 1 && kinds.size === 1 && !serves && !this.task.floor.plain.has(at);
     const mixes = supply && !kinds.has(state.kindOf(thing));
     if (mixes) return `${capitalised(wording.thing(thing, state))} does not belong here`;
     if (pile.length) return "";
