@@ -308,9 +308,13 @@ class Client:
             partial=partial,
         )
         await self._ask(request, messages.Joined)
-        if self.game is None:
+        game = self.game
+        if game is None:
             raise AssertionError("joined without a game")
-        return self.game
+        # The resume token has restored the seat before `join`, with its earlier readiness.
+        if ready and self.resumed and game.own_seats and game.phase == "waiting":
+            game.ready()
+        return game
 
     async def rematch(
         self, *, view: messages.View = "state", ready: bool = True, agent: str = ""

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from robotouille.protocol import messages
 from robotouille_client import Announced, ChatReceived, Client, Game, connect
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.bots.seat_session import SeatRequest, play_seat
@@ -15,6 +16,7 @@ from robotouille_client.console.kept_seat import kept_seat
 from robotouille_client.errors import ConnectionFailedError
 from robotouille_client.sansio.game_events import GameEvent
 from robotouille_client.window import cli
+from robotouille_client.window.app.remote_game import remote_game
 from robotouille_client.window.preferences import Preferences
 from robotouille_server import Server
 from tests.support.lost_connections import cut, start
@@ -125,10 +127,8 @@ async def test_killed_bot_returns_unless_another_seat_is_requested(
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
 
-    from robotouille.protocol.messages import Create
-
     async with serving(tmp_path / "recordings") as server:
-        room = server.lobby.create(Create(task="multi_agent/02", seats=3))
+        room = server.lobby.create(messages.Create(task="multi_agent/02", seats=3))
         seats = room.episode.seats
 
         async def bot(seat: str | None) -> asyncio.Task[Any]:
@@ -154,6 +154,46 @@ async def test_killed_bot_returns_unless_another_seat_is_requested(
         assert received() == ["returned to robot2", f"ada 2 plays robot2 in {room.code}"]
         room.abort("enough")
         await last
+
+
+@pytest.mark.parametrize("view", ["state", "text"])
+@opening(serving)
+async def test_client_that_resumes_is_ready_if_its_join_says_so(
+    server: Server, view: messages.View
+) -> None:
+    room = server.lobby.create(messages.Create(task="multi_agent/02", seats=2))
+    async with connect(server.url, name="ada") as ada:
+        await ada.join(room.code, view=view, ready=False)
+        for ready in (False, True):
+            async with connect(server.url, name="ada", resume=ada.resume) as again:
+                await again.join(room.code, view=view, ready=ready)
+                assert again.resumed
+                await asyncio.sleep(1.0)
+                assert room.episode.seats["robot1"].ready == ready
+
+
+@virtual
+async def test_killed_window_that_returns_with_ready_is_ready(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    async with serving(tmp_path / "recordings") as server:
+        room = server.lobby.create(messages.Create(task="multi_agent/02", seats=2))
+        seat = room.episode.seats["robot1"]
+
+        async def stay(ready: bool) -> None:
+            entering = remote_game(
+                server.url, room.code, "ada", watch=False, token=None, ready=ready
+            )
+            async with entering:
+                await asyncio.Event().wait()
+
+        # Without --ready, the declaration of the killed window stays.
+        for ready, after in ((False, False), (True, True), (False, True)):
+            task = asyncio.create_task(stay(ready))
+            await asyncio.sleep(1.0)
+            assert (seat.name, seat.ready) == ("ada", after)
+            await killed(task)
 
 
 def test_kept_seat_is_private_and_locked(tmp_path: Path) -> None:
