@@ -611,6 +611,32 @@ class TestHandOver:
             assert not suspended.rooms
             assert nodes.owner(games[0].episode) is successor
 
+    @virtual
+    async def test_the_last_node_leaves_waiting_games_to_a_new_one_and_plays_running_ones(
+        self, tmp_path: Path
+    ) -> None:
+        nats = SimulatedNats(random.Random(1))
+        nodes = cluster_on(nats, tmp_path / "old", 1)
+        async with nodes as old, connect(old[0].url, name="ada") as ada:
+            waiting = await ada.create(TASK, seats=2)
+            running = await ada.create("training/01", clock="realtime", step_rate=5.0)
+            game = await ada.join(running.code)
+            await until(game, 5)
+            await old[0].cluster.node.leave()
+            draining = asyncio.create_task(old[0].server.drain(10.0))
+            await asyncio.sleep(3)
+            assert old[0].rooms == {running.episode}
+            async with cluster_on(nats, tmp_path / "new", 1, seed=1) as new:
+                await asyncio.sleep(2)
+                assert new[0].rooms == {waiting.episode}
+                assert old[0].rooms == {running.episode}
+                assert not draining.done()
+                before = game.step
+                await asyncio.sleep(1)
+                assert game.step >= before + 4
+                await draining
+                await old[0].server.stop("the server is restarted", hand_over=True)
+
 
 class TestTakeover:
     @virtual

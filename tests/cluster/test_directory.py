@@ -75,6 +75,22 @@ async def test_latest_claim_wins_in_any_order() -> None:
     assert nodes.stored == [record("a", claim=12)]
 
 
+@pytest.mark.parametrize("late", [False, True])
+@virtual
+async def test_episode_that_has_ended_does_not_continue_without_a_claim(late: bool) -> None:
+    nodes = Nodes()
+    one, two = nodes.directories
+    if not late:
+        await nodes.watch()
+    await one.add(record("a"))
+    two.changed(record("a").key, Entry(record("a").model_dump_json().encode(), 1))
+    await one.replace(record("a", ended=True))
+    await asyncio.sleep(1)
+    assert not await two.replace(record("")), "its copy may still be behind"
+    assert two.find(CODE) == record("a", ended=True)
+    assert nodes.stored == [record("a", ended=True)]
+
+
 @pytest.mark.slow
 def test_concurrent_replacements_leave_the_highest_claim() -> None:
     for seed in range(60):

@@ -94,6 +94,7 @@ async def cluster_on(
     *,
     each: Sequence[Mapping[str, Any]] = (),
     clocks: Sequence[float] = (),
+    seed: int = 0,
     **options: Any,
 ) -> AsyncIterator[Nodes]:
     """Run some nodes on a service that exists. Call this in virtual time.
@@ -104,6 +105,8 @@ async def cluster_on(
         nodes: The number of nodes.
         each: Options of each node that differ from those of the others.
         clocks: The seconds by which the clock of each node is fast.
+        seed: The seed of the first node; the others have the next ones. Nodes with equal seeds have
+            equal names.
         options: Options of all nodes.
     """
     found = Nodes(nats)
@@ -113,7 +116,7 @@ async def cluster_on(
             values = {"countdown": 0.0, "port": 0, "recordings": own, **options}
             settings = ServerSettings(**{**values, **(each[i] if each else {})})
             around = Surroundings(
-                randomness=random.Random(i),
+                randomness=random.Random(seed + i),
                 timestamp=lambda: STAMP,
                 wall=partial(_clock, clocks[i] if clocks else 0.0),
                 bot_worker=lambda: ThreadBotWorker(ImmediateExecutor()),

@@ -333,6 +333,8 @@ class ClusterNode:
             try:
                 if self._suspect:
                     await self._repair()
+                if self.members.own.leaving:
+                    await self._release_given_up()
                 await self._tidy()
             except BusError as error:
                 get_logger().debug("the cluster's buckets not tidied", error=str(error))
@@ -486,17 +488,33 @@ class ClusterNode:
             for record in self.directory
             if not record.ended and self.members.lapsed(record.node)
         }
+        claimed = [self.directory.find(episode) for episode in self.members.share(orphans)]
+        if not self.members.own.leaving:
+            claimed += self._given_up()
+        for record in claimed:
+            if record is not None and not self.claims.under_way(record.episode):
+                self._start(self.claims.claim(record))
+
+    def _given_up(self) -> list[EpisodeRecord]:
+        """Return the records of this node's episodes that it no longer plays.
+
+        It gives them up while it is cut off or leaves, and perhaps no other node has claimed them.
+        """
         rooms = self._rooms.rooms if self._rooms is not None else {}
-        # Episodes that this node has given up while it was cut off, and nobody else has claimed.
-        own = [
-            record.episode
+        return [
+            record
             for record in self.directory
             if record.node == self.name and not record.ended and record.episode not in rooms
         ]
-        for episode in [*self.members.share(orphans), *own]:
-            record = self.directory.find(episode)
-            if record is not None and not self.claims.under_way(episode):
-                self._start(self.claims.claim(record))
+
+    async def _release_given_up(self) -> None:
+        """Let other nodes claim what this one gives up while it leaves, before it has stopped."""
+        for record in self._given_up():
+            if not self.claims.under_way(record.episode):
+                await self._release(record)
+
+    async def _release(self, record: EpisodeRecord) -> None:
+        await self.directory.replace(record.model_copy(update={"node": ""}))
 
     # Handing over
 
@@ -578,7 +596,7 @@ class ClusterNode:
         try:
             for record in self.directory:
                 if record.node == self.name and not record.ended:
-                    await self.directory.replace(record.model_copy(update={"node": ""}))
+                    await self._release(record)
             await self.bus.delete(Bucket.NODES, self.name)
         except BusError as error:
             get_logger().warning("the others do not know that this node left", error=str(error))

@@ -43,6 +43,11 @@ class EpisodeRecord(BaseModel):
     def key(self) -> str:
         return plain_code(self.code)
 
+    @property
+    def state(self) -> tuple[int, bool]:
+        """The claim, and whether the episode has ended. It only ever grows."""
+        return self.claim, self.ended
+
 
 class Directory:
     """Records of all episodes.
@@ -73,8 +78,8 @@ class Directory:
             return
         known = self._by_code.get(key)
         # News may come in another order than the changes, and after an operator has deleted the
-        # bucket its revisions begin again. So the claim decides, which only ever grows.
-        if known is not None and (known.claim, known.ended) > (record.claim, record.ended):
+        # bucket its revisions begin again. So the claim decides, and then the end.
+        if known is not None and known.state > record.state:
             return
         self._by_code[key] = record
         self._by_id[record.episode] = key
@@ -108,10 +113,10 @@ class Directory:
         self.changed(record.key, Entry(value, revision))
 
     async def replace(self, record: EpisodeRecord) -> bool:
-        """Replace a record, unless another node has claimed the episode later.
+        """Replace a record, unless another node has claimed the episode later, or it has ended.
 
         Returns:
-            False if another node has it.
+            False if another node has it, or if it has ended.
         """
         value = record.model_dump_json(exclude_defaults=True).encode()
         if await self._replace_known(record, value):
@@ -123,7 +128,7 @@ class Directory:
                     revision = await self._bus.create(Bucket.EPISODES, record.key, value)
                 else:
                     before = EpisodeRecord.model_validate_json(current.value)
-                    if before.claim > record.claim:
+                    if before.state > record.state:
                         self.changed(record.key, current)
                         return False
                     revision = await self._bus.update(
@@ -141,7 +146,7 @@ class Directory:
             False if the copy is behind the bucket, or missing.
         """
         known, revision = self._by_code.get(record.key), self._revisions.get(record.key)
-        if known is None or revision is None or known.claim > record.claim:
+        if known is None or revision is None or known.state > record.state:
             return False
         try:
             revision = await self._bus.update(Bucket.EPISODES, record.key, value, revision)
