@@ -74,6 +74,7 @@ async def test_announce_pause_and_resume(tmp_path: Path) -> None:
         assert (await lab.ask("resume", episode=play.episode)).ok
         await play.until(lambda game: game.phase == "running")
         assert await lab.refused("pause", episode="none") == "episode/unknown"
+        assert await lab.refused("announce", text="\u200b") == "message/invalid-field"
         lines = audit(server)
         done = ["announce to all", "announce", "pause", "resume"]
         assert [line["what"] for line in lines] == [*done, "mqtt pause"]

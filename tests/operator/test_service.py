@@ -101,6 +101,7 @@ async def test_announcement_reaches_one_episode_or_all(tmp_path: Path) -> None:
         ({}, "text"),
         ({"text": ""}, "text"),
         ({"text": "   "}, "text"),
+        ({"text": "\u200b"}, "text"),
         ({"text": "x" * 501}, "500"),
         ({"text": 7}, "text"),
         ({"text": "x", "loud": True}, "loud"),

@@ -202,7 +202,7 @@ class AnnounceCommand(Command):
     least_role = Role.OPERATOR
     type: Literal["announce"]
     episode: Identifier | None = None
-    text: Annotated[str, Field(min_length=1, max_length=500), PlainText]
+    text: Annotated[str, Field(min_length=1, max_length=500), PlainText, Field(min_length=1)]
 
 
 class PauseCommand(Command):

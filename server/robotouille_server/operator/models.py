@@ -369,6 +369,7 @@ Text = Annotated[
     str,
     StringConstraints(strip_whitespace=True, min_length=1, max_length=500),
     messages.PlainText,
+    Field(min_length=1),  # `PlainText` may leave nothing.
 ]
 Reason = Annotated[str, StringConstraints(strip_whitespace=True, max_length=200), messages.Line]
 
