@@ -49,6 +49,7 @@ from robotouille_server.cluster.bus import (
     Stored,
     UnavailableError,
 )
+from robotouille_server.cluster.nats.connection_log import ConnectionLog
 from robotouille_server.cluster.nats.errors import (
     IN_USE,
     NO_MESSAGE,
@@ -114,7 +115,7 @@ class NatsBus:
         self._count = 0
         self._inbox = ""
         self._tasks: set[asyncio.Task[None]] = set()
-        self._lost_reason = ""
+        self._log = ConnectionLog()
         self._errors = NatsErrors()
         self._created: list[datetime | None] = []
 
@@ -161,10 +162,11 @@ class NatsBus:
                     **options,
                 )
         except (TimeoutError, OSError, NatsError, ValueError) as error:
-            reason = self._lost_reason or str(error) or "no answer"
+            reason = self._log.reason or str(error) or "no answer"
             raise RobotouilleError(
                 f"--cluster: cannot connect to NATS at {servers}: {reason}"
             ) from None
+        self._log.connected()
 
     def _check_server(self) -> None:
         version = self._nats.connected_server_version
@@ -283,18 +285,14 @@ class NatsBus:
     # Connection
 
     async def _failed(self, error: Exception) -> None:
-        reason = str(error) or type(error).__name__
-        if reason != self._lost_reason:
-            get_logger().warning("NATS", error=reason)
-        self._lost_reason = reason
+        self._log.failed(error)
 
     async def _disconnected(self) -> None:
         if not self._nats.is_closed:
-            get_logger().error("connection to NATS lost")
+            self._log.lost()
 
     async def _reconnected(self) -> None:
-        self._lost_reason = ""
-        get_logger().info("connected to NATS again", server=_netloc(self._nats))
+        self._log.returned(_netloc(self._nats))
 
     # Journals
 
