@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import pytest
+import structlog
 from structlog.testing import capture_logs
 
 from robotouille.errors import RobotouilleError
@@ -12,6 +15,15 @@ from robotouille_server.cluster.nats.nats_bus import nats_bus
 from tests.support.virtual_time import virtual
 
 SERVERS = tuple(f"nats://127.0.0.1:{port}" for port in (1, 2, 3))
+
+
+@pytest.fixture(autouse=True)
+def all_levels() -> Iterator[None]:
+    """Log warnings, too, which the settings of other tests filter."""
+    config = structlog.get_config()
+    structlog.reset_defaults()
+    yield
+    structlog.configure(**config)
 
 
 class Clock:
