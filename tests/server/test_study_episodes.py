@@ -13,12 +13,13 @@ import pytest
 
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
-from robotouille.protocol.messages import Create
+from robotouille.protocol.messages import Create, Notice
 from robotouille.replay.recording import read_recording
 from robotouille_server import ServerSettings, serve
 from robotouille_server.app import Surroundings
 from robotouille_server.auth.roles import Role
 from robotouille_server.rooms import room_factory
+from robotouille_server.rooms.publishing.publisher import abandoned_text
 from robotouille_server.rooms.room_factory import JoinCodes, UnusedCode
 from robotouille_server.runtime.workers import WorkerSlot
 from tests.support.handshakes import FORWARDED, hello, mint_token, opened
@@ -391,6 +392,11 @@ async def test_hosts_close_their_own_episodes_and_operators_any(tmp_path: Path) 
             assert (await operator.ask({"type": "close", "episode": two}, "closed"))[
                 "type"
             ] == "closed"
+
+
+def test_message_about_many_who_left_can_be_sent() -> None:
+    names = ", ".join(f"participant number {number}" for number in range(200))
+    assert "participant number 1" in Notice(text=abandoned_text(f"{names} left")).text
 
 
 @virtual

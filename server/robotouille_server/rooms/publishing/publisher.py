@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from textwrap import shorten
 
 from robotouille.episode import (
     TEAM_TOPIC,
@@ -27,6 +28,7 @@ from robotouille.episode import (
     Started,
     Stepped,
 )
+from robotouille.protocol.messages.values import MAX_NOTICE
 from robotouille.world.grounding.actions import GroundAction
 from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.publishing.broadcaster import Broadcaster, LongWait
@@ -155,7 +157,12 @@ ABANDONED = (
     "The game has ended: {}. Your actions have been recorded, and there is nothing more for you "
     "to do here. Tell the person who invited you, or join another game with another code."
 )
-"""Message to the participants who remain when another one has left."""
+
+
+def abandoned_text(detail: str) -> str:
+    """Return the message to the participants who remain when others have left."""
+    # The detail names everybody who has left, who may be many.
+    return ABANDONED.format(shorten(detail, MAX_NOTICE // 2, placeholder=" …"))
 
 
 class Publisher:
@@ -227,7 +234,7 @@ class Publisher:
             case EpisodeEnded():
                 self._metrics.outcomes.labels(event.outcome.reason.value).inc()
                 if event.outcome.reason is Reason.ABANDONED:
-                    self._broadcaster.publish_notice(ABANDONED.format(event.outcome.detail))
+                    self._broadcaster.publish_notice(abandoned_text(event.outcome.detail))
                 self._broadcaster.publish_end(event.outcome)
             case Noted():
                 # All other notes are only recorded.

@@ -41,7 +41,8 @@ Ref = Annotated[
 ShownName = Annotated[str, Field(max_length=64)]
 """Name in a server's message, possibly empty."""
 ChatText = Annotated[str, Field(max_length=500)]
-NoticeText = Annotated[str, Field(max_length=2000)]
+MAX_NOTICE = 2000
+NoticeText = Annotated[str, Field(max_length=MAX_NOTICE)]
 Kind = Literal["human", "bot", "model"]
 View = Literal["state", "text", "both"]
 LabelName = Annotated[str, Field(min_length=1, max_length=64, pattern=PRINTABLE)]
