@@ -150,19 +150,25 @@ async def test_clients_receive_the_steps_for_stars(tmp_path: Path, rate: float |
         assert (await ada.rendering()).stars is None
 
 
-@virtual
-async def test_plans_for_stars_are_simulated_beside_the_event_loop(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Several players who ask for the same task at once cause one simulation."""
+@pytest.fixture
+def searches(monkeypatch: pytest.MonkeyPatch) -> list[threading.Thread]:
+    """Return the threads that simulate plans, of which none is known yet."""
     monkeypatch.setattr(step_limit, "_lengths", {})
-    searches: list[threading.Thread] = []
+    threads: list[threading.Thread] = []
 
     def noted(task: Task) -> Certificate:
-        searches.append(threading.current_thread())
+        threads.append(threading.current_thread())
         return load_certificate(task)
 
     monkeypatch.setattr(step_limit, "load_certificate", noted)
+    return threads
+
+
+@virtual
+async def test_plans_for_stars_are_simulated_beside_the_event_loop(
+    tmp_path: Path, searches: list[threading.Thread]
+) -> None:
+    """Several players who ask for the same task at once cause one simulation."""
     async with with_clients(tmp_path, "ada", "bob", "eve") as (_, ada, *others):
         code = (await ada.create("synchronous/01", clock="lockstep", max_steps=9)).code
         await ada.join(code)
@@ -176,16 +182,8 @@ async def test_plans_for_stars_are_simulated_beside_the_event_loop(
 
 @virtual
 async def test_plans_for_step_limits_are_simulated_beside_the_event_loop(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, searches: list[threading.Thread]
 ) -> None:
-    monkeypatch.setattr(step_limit, "_lengths", {})
-    searches: list[threading.Thread] = []
-
-    def noted(task: Task) -> Certificate:
-        searches.append(threading.current_thread())
-        return load_certificate(task)
-
-    monkeypatch.setattr(step_limit, "load_certificate", noted)
     async with serving(tmp_path) as server, raw(server) as host, raw(server) as other:
         create = {"type": "create", "task": "multi_agent/01", "timing": "people", "clock": "turn"}
         answers = await asyncio.gather(*(one.ask(create, "created") for one in (host, other)))

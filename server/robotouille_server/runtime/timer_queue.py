@@ -162,11 +162,11 @@ class TimerQueue:
         self._running = True
         # Timers read the clock. The limits are those of the run's start, so that a timer cannot
         # keep the run going by setting another one for the present.
-        now, newer = self.time() + GRAIN, next(self._numbers)
+        now, last = self.time() + GRAIN, next(self._numbers)
         until = self._seen + RUN_SECONDS
         try:
             for _ in range(AT_ONCE):
-                if not self._heap or self._heap[0][0] > now or self._heap[0][1] > newer:
+                if not self._heap or self._heap[0][0] > now or self._heap[0][1] > last:
                     return
                 due, _number, handle = heappop(self._heap)
                 call, handle.call = handle.call, None

@@ -419,10 +419,10 @@ class TeamDecision:
                 plans.append(found)
         # A member with an object in hand may wait for a station, though it has other work.
         plans += filter(None, (self._unburdened((player,)) for player in self._team))
-        best = min(plans, key=lambda plan: len(plan) + self._waits(plan))
+        best = min(plans, key=lambda plan: len(plan) + self._idle_steps(plan))
         return TeamPlan(best, self._base, Assumption.TEAM)
 
-    def _waits(self, plan: Plan) -> int:
+    def _idle_steps(self, plan: Plan) -> int:
         """Return the number of steps for which members wait for their first actions, in all."""
         first = {
             action.player: step for step, joint in reversed([*enumerate(plan)]) for action in joint
