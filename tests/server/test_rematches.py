@@ -225,6 +225,12 @@ LEFT = {"clock": "lockstep", "absence": "end"}
 """Options of an episode that ends when its only player leaves."""
 
 
+async def entered(stack: AsyncExitStack, server: Server, name: str) -> Client:
+    """Connect a player with a token of their own."""
+    token = server.tokens.mint_role(Role.PLAYER, name, seconds=86_400)
+    return await stack.enter_async_context(connect(server.url, name=name, token=token))
+
+
 async def ended(host: Client, player: Client, **options: object) -> str:
     """End an episode by leaving it; return its code."""
     created = await host.create(ALONE, **{**LEFT, **options})
@@ -251,12 +257,7 @@ async def rematches_in_a_row(player: Client, code: str, most: int) -> tuple[int,
 async def test_one_game_does_not_multiply_by_rematches(tmp_path: Path) -> None:
     async with AsyncExitStack() as stack:
         server, host = await stack.enter_async_context(with_clients(tmp_path, "host"))
-        players = []
-        for name in ("ada", "bob", "eve"):
-            token = server.tokens.mint_role(Role.PLAYER, name, seconds=86_400)
-            client = connect(server.url, name=name, token=token)
-            players.append(await stack.enter_async_context(client))
-        ada, bob, eve = players
+        ada, bob, eve = [await entered(stack, server, name) for name in ("ada", "bob", "eve")]
         chain: list[str] = []
         for partner in (bob, bob, bob, bob, eve):
             setup = {"rematch": chain[-1]} if chain else {"task": TASK, **LEFT}
@@ -322,9 +323,7 @@ class TestRateOfRematches:
         monkeypatch.setattr(rematches, "ARCHIVED_AT_ONCE", 30.0)
         async with AsyncExitStack() as stack:
             server, host = await stack.enter_async_context(with_clients(tmp_path, "host"))
-            token = server.tokens.mint_role(Role.PLAYER, "p-1", seconds=86_400)
-            player = connect(server.url, name="eve", token=token)
-            eve = await stack.enter_async_context(player)
+            eve = await entered(stack, server, "eve")
             code = await ended(host, eve)
             code = (await eve.create(rematch=code)).code
             game = await eve.join(code)
@@ -341,9 +340,7 @@ class TestRateOfRematches:
     async def test_open_rematches_count_after_they_have_moved(self, tmp_path: Path) -> None:
         async with AsyncExitStack() as stack:
             server, host = await stack.enter_async_context(with_clients(tmp_path, "host"))
-            token = server.tokens.mint_role(Role.PLAYER, "p-1", seconds=86_400)
-            player = connect(server.url, name="eve", token=token)
-            eve = await stack.enter_async_context(player)
+            eve = await entered(stack, server, "eve")
             codes = [await ended(host, eve) for _ in range(MAX_OPEN + 1)]
             for code in codes[1:]:
                 await eve.create(rematch=code)
@@ -359,11 +356,14 @@ class TestRateOfRematches:
             token = server.tokens.mint_role(Role.PLAYER, "p-1", seconds=86_400)
             async with connect(server.url, name="ada", token=token) as ada:
                 code = await ended(host, ada)
+                codes = {code}
                 for _ in range(100):
                     code = (await ada.create(rematch=code)).code
                     await ada.join(code)
                     await asyncio.sleep(60 / REMATCHES_A_MINUTE)
                     await ada.leave()
+                    codes.add(code)
+                assert len(codes) == 101
 
     @virtual
     async def test_hosts_are_not_limited(self, tmp_path: Path) -> None:
@@ -379,14 +379,10 @@ class TestRateOfRematches:
         monkeypatch.setattr(rematches, "ARCHIVED_AT_ONCE", 2.0)
         async with AsyncExitStack() as stack:
             server, host = await stack.enter_async_context(with_clients(tmp_path, "host"))
-            players = []
-            for name in ("ada", "bob", "eve"):
-                token = server.tokens.mint_role(Role.PLAYER, name, seconds=86_400)
-                player = connect(server.url, name=name, token=token)
-                players.append(await stack.enter_async_context(player))
-                await (await players[-1].join((await host.create(ALONE, **RULES)).code)).act(None)
+            ada, bob, eve = [await entered(stack, server, name) for name in ("ada", "bob", "eve")]
+            for player in (ada, bob, eve):
+                await (await player.join((await host.create(ALONE, **RULES)).code)).act(None)
             await restarted(stack, server, tmp_path)
-            ada, bob, eve = players
             assert (await ada.rematch()).code
             assert (await bob.rematch()).code
             with pytest.raises(ProtocolError, match="too often"):
