@@ -150,6 +150,11 @@ def test_impossible_input_is_tried_or_explained(
             "stove1",
             "nothing to do with the cooked chicken here",
         ),
+        (
+            [*CHICKEN, "move table12", "pick-up-item", "move stove1"],
+            "stove1",
+            "one chicken at a time",
+        ),
     ],
 )
 def test_the_use_key_puts_nothing_where_it_is_of_no_use(

@@ -139,12 +139,18 @@ class Controls:
             return ""
         thing, *_ = things_upon(me, before.placed)
         pile = things_upon(station, before.placed)
+        misses = NearMisses(self.world, self.wording(me))
+        workplace = any(misses.is_for(each, station) for each in works)
+        if pile and workplace:
+            # A second tomato on a board would only be in the way.
+            twice = self._are_alike(thing, pile[0]) and not misses.serves_goal(action)
+            noun = self.wording(me).kind(self.world.thing(thing).kind)
+            return f"One {noun} at a time here" if twice else ""
         if pile:
             mixes = self._is_supply(station, pile) and not self._are_alike(thing, pile[0])
             words = capitalised(self.wording(me).thing(thing, state))
             return f"{words} does not belong here" if mixes else ""
-        misses = NearMisses(self.world, self.wording(me))
-        if not any(misses.is_for(each, station) for each in works):
+        if not workplace:
             return ""
         after = State(self.world, _facts_after(state, action), state.timers, state.orders)
         then = Situation(after, me, scene(after))

@@ -254,8 +254,8 @@ class NearMisses:
                     return self._words.first(work, state)
         return ""
 
-    def serves_goal(self, action: GroundAction, station: str) -> bool:
-        """Return whether an action achieves a goal term about such a station."""
+    def serves_goal(self, action: GroundAction, station: str | None = None) -> bool:
+        """Return whether an action achieves a goal term, which must be about any given station."""
         return self._leads_on(action.schema, action.schema.bind(action.arguments), station)
 
     def _leads_on(

@@ -136,13 +136,20 @@ export class Controls {
     const [wording, pile, [thing]] = [this.wording(me), thingsUpon(at, placed), thingsUpon(me, placed)];
     const kinds = new Set(pile.map((name) => state.kindOf(name)));
     const serves = state.kindOf(at) === this.task.problem.shift?.serve.station;
+    const [misses, works] = [new NearMisses(wording), this._keysAtAPlace()];
+    const workplace = works.some((each) => misses.isFor(each, at));
+    if (pile.length && workplace) {
+      // A second tomato on a board would only be in the way.
+      const kind = state.kindOf(thing);
+      const twice = kind === state.kindOf(pile[0]) &&
+        !misses.leadsOn(action.schema, bindingOf(action), state);
+      return twice ? `One ${wording.kind(kind)} at a time here` : "";
+    }
     // A pile of one kind, as in a crate, is a supply and not a dish.
     const supply = pile.length > 1 && kinds.size === 1 && !serves && !this.task.floor.plain.has(at);
     const mixes = supply && !kinds.has(state.kindOf(thing));
     if (mixes) return `${capitalised(wording.thing(thing, state))} does not belong here`;
-    if (pile.length) return "";
-    const [misses, works] = [new NearMisses(wording), this._keysAtAPlace()];
-    if (!works.some((each) => misses.isFor(each, at))) return "";
+    if (pile.length || !workplace) return "";
     const after = state.changed(changes(state, action));
     const then = situationOf(after, me);
     const wanted = misses.leadsOn(action.schema, bindingOf(action), state, at);
