@@ -234,6 +234,14 @@ def test_options_decide_between_the_menu_and_a_game(
     assert opened(monkeypatch, *words) == [(joins, menu)]
 
 
+@pytest.mark.parametrize("code", ["", " "])
+def test_an_empty_code_is_an_error(monkeypatch: pytest.MonkeyPatch, code: str) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    done = runner.invoke(client_app, [code, "--name", "ada"])
+    assert done.exit_code == 2
+    assert "the code is empty" in done.output
+
+
 def test_no_menu_requires_a_code(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     done = runner.invoke(client_app, ["--no-menu"])

@@ -280,6 +280,13 @@ class ClientOptions:
         )
 
 
+def _code(value: str | None) -> str | None:
+    """Reject an empty code, such as that of a script whose variable is not set."""
+    if value is not None and not value.strip():
+        raise typer.BadParameter("the code is empty; leave it out to see the menu")
+    return unicode(value)
+
+
 @interruptible
 @failing
 @options_from(ClientOptions)
@@ -287,7 +294,7 @@ def command(
     options: ClientOptions,
     code: Annotated[
         str | None,
-        typer.Argument(callback=unicode, help="Code of the episode to join; hosts may use its id."),
+        typer.Argument(callback=_code, help="Code of the episode to join; hosts may use its id."),
     ] = None,
 ) -> None:
     """Play or watch an episode in a window; without arguments, show a menu. H shows the keys."""
