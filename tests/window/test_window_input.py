@@ -38,6 +38,7 @@ from robotouille_client.window.input.input_controller import (
     STILL_OCCUPIED,
     UNREACHED,
 )
+from robotouille_client.window.input.play_input import READ_SECONDS
 from robotouille_client.window.pictures.appearance import KitchenLook
 from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.view import Bubble, LobbyView
@@ -497,6 +498,20 @@ def test_a_walk_that_gives_up_says_so(blocked: Table) -> None:
     assert blocked.overlay().prompt == STILL_OCCUPIED
     assert blocked.overlay().queued == ()
     assert blocked.overlay().marks == ()
+
+
+def test_news_waits_until_the_last_notice_has_been_read(blocked: Table) -> None:
+    blocked.timer.now += PATIENCE_SECONDS - 0.1
+    pygame.event.post(pygame.Event(pygame.WINDOWLEAVE))
+    blocked.press(pygame.K_1)
+    asked = blocked.overlay().prompt
+    assert asked.startswith("Point at what you need")
+    blocked.timer.now += 0.2
+    blocked.window.frame(blocked.source)
+    assert blocked.overlay().prompt == asked
+    blocked.timer.now += READ_SECONDS
+    blocked.window.frame(blocked.source)
+    assert blocked.overlay().prompt == STILL_OCCUPIED
 
 
 def test_escape_forgets_a_rejected_walk(blocked: Table) -> None:

@@ -95,7 +95,8 @@ class PlayHints:
                 (key, f"{words}{DISCARDED}" if key == use else words) for key, words in rows
             )
         busy = view.state.busy_steps(me)
-        if rows or busy or here is None:
+        # A table is for what the player holds, which has its own rows.
+        if rows or busy or here is None or here in controls.world.floor.plain:
             return rows
         purpose = controls.wording(me).purpose(controls.world.thing(here).kind)
         return (("", capitalised(purpose)),) if purpose else ()

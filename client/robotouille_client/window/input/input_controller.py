@@ -437,7 +437,8 @@ class ActionQueue:
         if action.destination is not None:
             self._failed_at = self._clock()
             followed = any(intent.follows for intent in self._waiting)
-            self._untold = UNREACHED if followed else notice
+            # A later failure without words must not hide an earlier notice.
+            self._untold = (UNREACHED if followed else notice) or self._untold
         self._forget()
 
     def _do(self, intent: Intent, source: GameSource, view: View) -> str:

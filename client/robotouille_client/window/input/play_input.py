@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 
 import pygame
@@ -60,6 +61,8 @@ class ChatLine:
 
 
 _NOTICE_SECONDS = 3.0
+READ_SECONDS = 1.5
+"""Time for which a notice is shown before another one replaces it that answers no key."""
 _BUTTONS: dict[int, Button] = {1: "left", 2: "middle", 3: "right"}
 
 
@@ -95,6 +98,7 @@ class PlayInput:
         self._pointer: tuple[int, int] | None = None
         self._notice = ""
         self._notice_until = 0.0
+        self._news: deque[str] = deque(maxlen=2)
 
     @property
     def typing(self) -> bool:
@@ -111,6 +115,13 @@ class PlayInput:
             self._notice = notice
             self._notice_until = self._clock() + _NOTICE_SECONDS
 
+    def _show_news(self, notice: str) -> None:
+        """Show a notice that answers no key, once the player has had time to read the last one."""
+        if notice:
+            self._news.append(notice)
+        if self._news and self._clock() >= self._notice_until - _NOTICE_SECONDS + READ_SECONDS:
+            self.show_notice(self._news.popleft())
+
     def hover(self, view: View) -> str | None:
         """Return the object under the mouse."""
         if view.frozen or self._pointer is None:
@@ -119,8 +130,8 @@ class PlayInput:
 
     def tick(self, source: GameSource, view: View) -> None:
         """Send the actions that are due."""
-        self.show_notice(self.controller.tick(source, view))
-        self.show_notice(self.companion.tick(source, view))
+        self._show_news(self.controller.tick(source, view))
+        self._show_news(self.companion.tick(source, view))
 
     def close(self) -> None:
         """Close the help and the list, and release held keys. A line of chat stays open."""

@@ -275,7 +275,9 @@ export class ActionQueue {
   _fail(action, notice = "") {
     if (action.destination !== null) {
       this._failedAt = this._game.now();
-      this._untold = this._waiting.some(({ follows }) => follows) ? UNREACHED : notice;
+      const followed = this._waiting.some(({ follows }) => follows);
+      // A later failure without words must not hide an earlier notice.
+      this._untold = (followed ? UNREACHED : notice) || this._untold;
     }
     this._forget();
   }
