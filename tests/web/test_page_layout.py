@@ -55,8 +55,9 @@ async def test_waiting_room_names_the_points_of_stars_and_invites_only_to_free_s
         address = link(server.port, room.code)
         async with visiting(browser, address, "Ada") as page:
             cover = page.locator("#cover")
-            points = re.compile(r"One star takes \d+ points, two take \d+, three take \d+")
+            points = re.compile(r"One star needs \d+ points, two need \d+, three need \d+")
             await expect(cover).to_contain_text(points)
+            await expect(cover).to_contain_text(re.compile(r"The shift lasts \d+:\d\d"))
             await expect(cover).to_contain_text(f"Others join with the code {room.code}")
             async with visiting(browser, address, "Ben"):
                 await expect(cover).to_contain_text("Ben")

@@ -216,7 +216,7 @@ async def test_whole_task_is_played_in_a_browser(browser: Any, tmp_path: Path, k
             await expect(page.locator(".dish li:not(.done)")).to_have_count(0)
             limits = room.find_star_limits()
             assert limits is not None
-            told = f"Three stars take at most {limits.three} steps."
+            told = f"Three stars need at most {limits.three} steps."
             await expect(page.locator("#cover")).to_contain_text(told)
             await expect(page.locator(".stars")).to_have_attribute("aria-label", "3 / 3")
             assert await page.evaluate(OVERLAP) == 0

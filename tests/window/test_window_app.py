@@ -25,7 +25,13 @@ from robotouille_client import connect
 from robotouille_client.window import StartOptions, open_app
 from robotouille_client.window.app.app import App
 from robotouille_client.window.app.local_game import GameSetup
-from robotouille_client.window.app.local_games import EASY_RATE, TUTORIAL, TutorialSource, kind_of
+from robotouille_client.window.app.local_games import (
+    EASY_RATE,
+    PUT_BACK,
+    TUTORIAL,
+    TutorialSource,
+    kind_of,
+)
 from robotouille_client.window.app.main_menu import SettingsMenu, main_menu
 from robotouille_client.window.app.replays_menu import SavingForm
 from robotouille_client.window.app.settings import (
@@ -49,7 +55,7 @@ async def test_game_replay_again_and_quit(session: WindowSession) -> None:
         assert session.titles == ["Well done!"]
         words = [row.label for row in session.form.rows]
         assert words[0].startswith("Goal reached in ")
-        assert words[1] == "Three stars take at most 16 steps."
+        assert words[1] == "Three stars need at most 16 steps."
         assert words[2] == "Best possible: 8 steps."
         assert words[-6:] == [
             "Play again", "Next task", "Watch the replay", "Save a video", "Menu", "Quit",
@@ -312,10 +318,12 @@ def test_putting_a_thing_back_does_not_complete_a_lesson() -> None:
         if taken:
             break
     assert kinds[-1] == "put"
+    carry = source.view().lesson
     for kind in ("put", "take"):
         back = [a for a in script.state.actions(script.me) if kind_of(script.state, a) == kind]
         source.act(back[0])
         assert source.lesson.kind == "put", "it lies where it was"
+        assert source.view().lesson == (carry if kind == "take" else PUT_BACK)
 
 
 def test_the_work_lesson_names_the_ingredient_and_waits_for_the_work() -> None:
@@ -494,9 +502,12 @@ async def test_a_card_explains_a_shift_before_its_clock_starts(session: WindowSe
         assert session.titles == ["Sandwich bar"]
         words = [row.label for row in session.form.rows]
         assert "Hatch: build dishes here; a complete dish is served." in words
-        assert words[-2:] == [
-            "One star takes 87 points, two take 175, three take 264.", "Start",
+        assert words[-3:] == [
+            "The shift lasts 3 minutes.",
+            "One star needs 87 points, two need 175, three need 264.", "Start",
         ]  # fmt: skip
+        keys = session.window.overlay(session.source.view()).keys
+        assert keys == (("Enter", "start"), ("Esc", "start"))
         assert session.source.view().step == 0
         yield from session.choose("Start")
         yield from wait(60)
@@ -515,16 +526,16 @@ async def test_a_card_explains_a_shift_before_its_clock_starts(session: WindowSe
     [
         (
             GameSetup("shifts/01_sandwich_bar", seats=1, max_steps=3, countdown=0.0),
-            "One star takes 87 points, two take 175, three take 264.",
+            "One star needs 87 points, two need 175, three need 264.",
         ),
         (
             GameSetup("synchronous/01", max_steps=3, countdown=0.0),
-            "Three stars take at most 72 steps (14 s), two take 89 steps (18 s)."
+            "Three stars need at most 72 steps (14 s), two need 89 steps (18 s)."
             " Any finished game earns one.",
         ),
     ],
 )
-async def test_each_game_against_time_begins_with_what_the_stars_take(
+async def test_each_game_against_time_begins_with_what_the_stars_need(
     session: WindowSession, setup: GameSetup, stars: str
 ) -> None:
     played: list[int] = []

@@ -213,7 +213,7 @@ def test_a_shift_on_a_server_has_its_cards(session: WindowSession) -> None:
         words = [row.label for row in session.form.rows]
         assert session.titles[-1] == "Bar"
         assert "Hatch: build dishes here; a complete dish is served." in words
-        assert "One star takes 5 points, two take 10, three take 20." in words
+        assert "One star needs 5 points, two need 10, three need 20." in words
         yield from session.choose("Continue")
         post(pygame.K_RETURN)
         while session.source.view().lobby is not None:
@@ -224,7 +224,7 @@ def test_a_shift_on_a_server_has_its_cards(session: WindowSession) -> None:
         yield from wait(60)
         assert session.titles[-1] == "Shift over"
         (row,) = [row for row in session.form.rows if isinstance(row, StarsRow)]
-        assert (row.stars, row.label) == (0, "One star takes 5 points.")
+        assert (row.stars, row.label) == (0, "One star needs 5 points.")
         yield from session.choose("Quit")
 
     play(session, script, tasks=folder, task="bar", seats=1, max_steps=100)

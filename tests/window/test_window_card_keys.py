@@ -20,6 +20,7 @@ from robotouille_client.window.app.game_cards import (
     LEAVE_BUTTONS,
     REVIEW_BUTTONS,
     GameCards,
+    SeatShare,
     StarsRow,
     best_words,
     end_card,
@@ -340,8 +341,8 @@ def test_a_task_from_a_server_has_its_plan_length(
 @pytest.mark.parametrize(
     ("points", "stars", "words"),
     [
-        (86, 0, "One star takes 87 points."), (87, 1, "Two stars take 175 points."),
-        (175, 2, "Three stars take 264 points."), (264, 3, "Three stars take 264 points."),
+        (86, 0, "One star needs 87 points."), (87, 1, "Two stars need 175 points."),
+        (175, 2, "Three stars need 264 points."), (264, 3, "Three stars need 264 points."),
     ],
 )  # fmt: skip
 def test_stars_of_a_shift_depend_on_points(points: int, stars: int, words: str) -> None:
@@ -373,6 +374,22 @@ def test_the_card_after_a_shift_has_the_best_result(timing: str, words: str) -> 
     assert words in [row.label for row in form.rows]
 
 
+@pytest.mark.parametrize(
+    ("tally", "words"),
+    [
+        ({"acted": 150, "busy": 237, "idle": 513}, "busy 43% of the time"),
+        (
+            {"acted": 10, "waiting": 5, "away": 5},
+            "busy 50% of the time, waiting for others 25%, away 25%",
+        ),
+        ({"idle": 7}, "did nothing"),
+        ({"acted": -5, "idle": 0}, "did nothing"),
+    ],
+)
+def test_the_end_card_tells_how_busy_a_player_was(tally: dict[str, int], words: str) -> None:
+    assert SeatShare.of("ada", tally).words == words
+
+
 @pytest.mark.parametrize(("acted", "stars"), [(0, 0), (1, 3)])
 def test_a_player_who_did_nothing_earns_no_stars(acted: int, stars: int) -> None:
     world = World(load_task("multi_agent/07", seats=3, timing="people"))
@@ -393,7 +410,7 @@ def test_stars_follow_from_the_known_plan(steps: int, stars: int) -> None:
     view = View(world, world.initial, me="robot1", won=True, step_seconds=0.2)
     form = end_card(view, {"reason": "goal", "steps": steps, "seconds": 9.0, "seats": []}, BUTTONS)
     (row,) = [row for row in form.rows if isinstance(row, StarsRow)]
-    most = {1: "Two stars take at most 89 steps."}.get(stars, "Three stars take at most 72 steps.")
+    most = {1: "Two stars need at most 89 steps."}.get(stars, "Three stars need at most 72 steps.")
     assert (row.stars, row.label) == (stars, most)
     lost = end_card(dataclasses.replace(view, won=False), None, BUTTONS)
     assert not [row for row in lost.rows if isinstance(row, StarsRow)]

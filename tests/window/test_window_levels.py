@@ -87,8 +87,8 @@ def test_the_map_knows_the_best_points_and_steps() -> None:
 @pytest.mark.parametrize(
     ("stars", "words"),
     [
-        ({}, "With 1 player, the first star takes 87 points."),
-        ({"shifts/01_sandwich_bar@2": 1}, "With 1 player, the second star takes 175 points."),
+        ({}, "With 1 player, the first star needs 87 points."),
+        ({"shifts/01_sandwich_bar@2": 1}, "With 1 player, the second star needs 175 points."),
     ],
 )
 def test_the_map_names_the_points_of_the_next_star(stars: dict[str, int], words: str) -> None:

@@ -92,10 +92,12 @@ def test_cards_name_waiting_and_blocking_players() -> None:
     assert words(waits_for=("robot1", "robot2")) == ["your turn", "thinking"]
     assert words(me=None, waits_for=("robot1",)) == ["deciding", "robot2 · bot"]
     blocked = (("robot2", "stove1", "robot1"),)
-    assert words(blocked=blocked) == ["in otter's way", "waiting for you"]
+    assert words(blocked=blocked) == ["step aside for otter", "waiting for you"]
     assert words(me=None, blocked=blocked)[1] == "waiting for ada"
     asked = (("robot2", "", "robot1"),)
-    assert words(blocked=asked) == ["keeps otter waiting", "waiting for you"]
+    assert words(blocked=asked) == ["do what otter asks", "waiting for you"]
+    assert words(me="robot2", blocked=asked)[0] == "keeps you waiting"
+    assert words(me=None, blocked=asked)[0] == "keeps otter waiting"
 
 
 @pytest.mark.parametrize("size", [(320, 240), (480, 360), (1280, 720)])

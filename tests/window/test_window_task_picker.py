@@ -183,7 +183,7 @@ def test_the_focused_task_loads_first(display: Display) -> None:
         if "3 stars: 228 steps" in row.text().detail:
             break
         form.idle()
-    assert "Three stars take at most 228 steps. Best known: 89." in row.about()
+    assert "Three stars need at most 228 steps. Best known: 89." in row.about()
 
 
 async def test_one_player_has_no_choice_of_bots() -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pygame
 
 from robotouille_client.window.drawing.painter import Painter
-from robotouille_client.window.drawing.window_layout import UiOverlay
+from robotouille_client.window.drawing.window_layout import KeyRows, UiOverlay
 from robotouille_client.window.forms.card_slot import Cards, CardSlot
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.screen import Devices, Display
@@ -28,7 +28,7 @@ _IDLE_SECONDS = 0.02
 
 Without input, the window sleeps twice as long until it looks for news of the game.
 """
-CARD_KEYS = (("Arrows", "choose"), ("Enter", "OK"), ("Esc", "back"))
+CARD_KEYS: KeyRows = (("Arrows", "choose"), ("Enter", "OK"), ("Esc", "back"))
 
 
 class Window:
@@ -235,7 +235,11 @@ class Window:
         overlay = self._input.overlay(view, hover)
         if self.card is None:
             return overlay
-        return dataclasses.replace(overlay, hints=(), keys=CARD_KEYS, marks=(), pointer=None)
+        keys: KeyRows = CARD_KEYS
+        if self._cards.starting and self.card.focused is not None:
+            # The card before a game has one answer.
+            keys = tuple((key, self.card.focused.label.lower()) for key in ("Enter", "Esc"))
+        return dataclasses.replace(overlay, hints=(), keys=keys, marks=(), pointer=None)
 
     # Events
 

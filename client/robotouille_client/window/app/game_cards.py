@@ -23,37 +23,45 @@ from robotouille_client.window.pictures.theme import ACCENT, BAD, FAINT, GOOD, T
 from robotouille_client.window.sources.texts import orders_words, outcome_words, points_of, won
 from robotouille_client.window.view import View
 
-_KINDS: tuple[tuple[str, str, Colour], ...] = (
-    ("acted", "acted", GOOD),
-    ("busy", "busy", ACCENT),
-    ("waiting", "waited", BAD),
-    ("idle", "idle", TRACK),
-    ("away", "away", FAINT),
-    ("substituted", "played by a bot", FAINT),
+_PARTS: tuple[tuple[str, tuple[str, ...], Colour], ...] = (
+    ("busy", ("acted", "busy"), GOOD),
+    ("waiting for others", ("waiting",), BAD),
+    ("", ("idle",), TRACK),
+    ("away", ("away",), FAINT),
+    ("played by a bot", ("substituted",), FAINT),
 )
+"""Parts of a seat's time: words, the activities of an outcome, and a colour."""
 
 
 @dataclass(frozen=True, slots=True)
 class SeatShare:
-    """One seat's steps by activity."""
+    """One seat's steps in each of `_PARTS`."""
 
     name: str
-    steps: Mapping[str, int]
+    steps: tuple[int, ...]
 
     @classmethod
     def of(cls, name: str, row: Mapping[str, Any]) -> SeatShare:
         """Read a seat's row of an outcome in JSON; activities that the server omits count as 0."""
-        return cls(name, {kind: int(row.get(kind, 0)) for kind, _, _ in _KINDS})
+        # The counts come from a server, so they may be negative.
+        counted = (sum(max(0, int(row.get(kind, 0))) for kind in kinds) for _, kinds, _ in _PARTS)
+        return cls(name, tuple(counted))
+
+    @property
+    def shares(self) -> tuple[float, ...]:
+        """Shares of the time, one for each of `_PARTS`."""
+        return tuple(steps / max(1, sum(self.steps)) for steps in self.steps)
 
     @property
     def words(self) -> str:
-        """Activities in words, such as `acted 12, busy 40`."""
-        parts = [f"{words} {self.steps[kind]}" for kind, words, _ in _KINDS if self.steps[kind]]
-        return ", ".join(parts) or "did nothing"
+        """Shares in words, such as `busy 40% of the time, waiting for others 5%`."""
+        rows = zip(self.shares, _PARTS, strict=True)
+        told = [f"{words} {share:.0%}" for share, (words, _, _) in rows if words and share]
+        return ", ".join([f"{told[0]} of the time", *told[1:]]) if told else "did nothing"
 
 
 class ShareRow(Row):
-    """Name of a seat, with a bar of its steps and the same in words."""
+    """Name of a seat, with a bar of its time and the same in words."""
 
     focusable = False
 
@@ -71,11 +79,9 @@ class ShareRow(Row):
         )
         target.blit(context.text.line(name, context.size, TEXT), (area.x, top))
         y = top + context.text.height(context.size)
-        # The counts come from a server, so their sum may be zero or less than one of them.
-        whole = max(1, *self._share.steps.values(), sum(self._share.steps.values()))
         x = float(area.x)
-        for kind, _, colour in _KINDS:
-            width = area.width * (max(0, self._share.steps[kind]) / whole)
+        for share, (_, _, colour) in zip(self._share.shares, _PARTS, strict=True):
+            width = area.width * share
             if width >= 1:
                 piece = pygame.Rect(round(x), y, round(width), max(6, context.size // 2))
                 target.blit(box(piece.size, colour, 2), piece)
@@ -97,7 +103,7 @@ class Rating:
     """Stars of a finished game, of three.
 
     Attributes:
-        words: Line that says what the next star takes.
+        words: Line that says what the next star needs.
         points: Points of a shift; None for other games.
     """
 
@@ -107,7 +113,7 @@ class Rating:
 
 
 class StarsRow(Row):
-    """Stars of a finished game, with what the next one takes.
+    """Stars of a finished game, with what the next one needs.
 
     While the card is new, the points are counted up, and the stars are stamped one by one.
     """
@@ -208,7 +214,7 @@ def rate_game(
         if only_watched(outcome, people):
             return Rating(0, IDLE, points)
         stars = scores.stars(points)
-        return Rating(stars, f"{_stars_take(stars)} {scores[min(stars, 2)]} points.", points)
+        return Rating(stars, f"{_stars_need(stars)} {scores[min(stars, 2)]} points.", points)
     limits = limits_of_game(task, step_seconds) if won(outcome) else None
     if limits is None:
         return None
@@ -216,7 +222,7 @@ def rate_game(
         return Rating(0, IDLE)
     stars = limits.stars(int(outcome.get("steps", 0)))
     most = limits.two if stars == 1 else limits.three
-    return Rating(stars, f"{_stars_take(stars)} at most {most} steps.")
+    return Rating(stars, f"{_stars_need(stars)} at most {most} steps.")
 
 
 def limits_of_game(task: Task, step_seconds: float | None) -> StarLimits | None:
@@ -226,9 +232,9 @@ def limits_of_game(task: Task, step_seconds: float | None) -> StarLimits | None:
     return None if shipped is None else star_limits(shipped, rate)
 
 
-def _stars_take(earned: int) -> str:
+def _stars_need(earned: int) -> str:
     """Return the beginning of the sentence about the next star."""
-    return ("One star takes", "Two stars take", "Three stars take")[min(earned, 2)]
+    return ("One star needs", "Two stars need", "Three stars need")[min(earned, 2)]
 
 
 def only_watched(outcome: Mapping[str, Any], people: Collection[str]) -> bool:

@@ -284,7 +284,7 @@ class LevelMap(Form):
         return width
 
     def details(self, level: Level) -> tuple[str, ...]:
-        """Return the goal of a level, the stars in it, and what the next star takes."""
+        """Return the goal of a level, the stars in it, and what the next star needs."""
         goal = self._task(level.task).goal_description
         if not level.is_open:
             return (goal, f"Opens with a star in {self._title(level.before)!r}.")
@@ -304,4 +304,4 @@ class LevelMap(Form):
         if limits is None or level.stars > 2:
             return ()
         nth, who = ("first", "second", "third")[level.stars], "player" + "s" * (seats > 1)
-        return (f"With {seats} {who}, the {nth} star takes {limits[level.stars]} points.",)
+        return (f"With {seats} {who}, the {nth} star needs {limits[level.stars]} points.",)

@@ -58,6 +58,10 @@ class Lesson:
     words: str
 
 
+PUT_BACK = "That's where you took it from. Take it again, then carry it to another table."
+"""Lesson after a thing was put back, which completes no lesson."""
+
+
 def lessons(keys: KeyMap, world: World) -> tuple[Lesson, ...]:
     """Return the lessons in order. The work to try is the first work of a known plan."""
     use = keys.words(Command.USE)
@@ -81,6 +85,7 @@ class TutorialSource(GameSource):
         self._lessons = list(lessons(keys, source.view().world))
         self._worked: tuple[State, GroundAction] | None = None
         self._taken_from: State | None = None
+        self._put_back = False
         self._list_key = keys.words(Command.LIST)
 
     @property
@@ -103,9 +108,12 @@ class TutorialSource(GameSource):
         kind = kind_of(state, action) if valid else None
         # This is remembered, because putting the thing back would otherwise complete the next
         # lesson.
+        undone = kind == "put" and self._undoes(state, action)
         if kind == "take":
             self._taken_from = state
-        if lesson is not None and kind == lesson.kind and not self._undoes(state, action):
+        if kind in ("take", "put"):
+            self._put_back = undone
+        if lesson is not None and kind == lesson.kind and not undone:
             if lesson.kind == "work":
                 self._worked = state, action
             else:
@@ -142,7 +150,8 @@ class TutorialSource(GameSource):
         if view.outcome:
             return ""
         if self.lesson is not None:
-            return self.lesson.words
+            again = self._put_back and self.lesson.kind == "put"
+            return PUT_BACK if again else self.lesson.words
         goal = view.world.task.goal_description
         stack = "Stack what the ticket shows from the bottom up."
         return f"{goal} {stack} {self._list_key} lists all actions."

@@ -90,7 +90,7 @@ class TaskPicker:
         length, best = self._length(name), best_of(self._best, name)
         if length is not None:
             three = limits_of(length, self._rate).three
-            words.append(f"Three stars take at most {three} steps. Best known: {length}.")
+            words.append(f"Three stars need at most {three} steps. Best known: {length}.")
         words.append("Not solved yet." if best is None else f"Your best: {best} steps.")
         return "\n".join(words)
 

@@ -190,6 +190,14 @@ def clock_words(clock: str, rules: Mapping[str, Any], players: int) -> str:
     return f"{pace}, {budget:g} s a move" if budget else pace
 
 
+def time_words(seconds: float) -> str:
+    """Return a time in words, such as `2 minutes 30 seconds`."""
+    minutes, rest = divmod(round(seconds), 60)
+    parts = [(minutes, "minute"), (rest, "second")]
+    words = [f"{number} {unit}{'s' * (number != 1)}" for number, unit in parts if number]
+    return " ".join(words) or "0 seconds"
+
+
 def rate_words(rate: float) -> str:
     """Return a step rate in words, such as `5 steps a second`."""
     return f"{rate:g} step{'' if rate == 1 else 's'} a second"

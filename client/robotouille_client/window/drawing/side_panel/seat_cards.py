@@ -207,16 +207,23 @@ def status(seat: SeatView, view: View) -> tuple[str, Colour]:
         if seat.player == waiting and blocking != waiting:
             return f"waiting for {'you' if blocking == view.me else names[blocking]}", ACCENT
         if seat.player == blocking != waiting:
-            whose, who = f"{names[waiting]}'s", names[waiting]
-            if waiting == view.me:
-                whose, who = "your", "you"
-            return f"in {whose} way" if station else f"keeps {who} waiting", ACCENT
+            return _delay(blocking, waiting, station, view), ACCENT
     if seat.player in view.waits_for:
         return "your turn" if seat.player == view.me else _deciding(seat), ACCENT
     if seat.player in view.thinking:
         return "thinking", ACCENT
     words = seat.moved_by if seat.name == seat.player else f"{seat.player} · {seat.moved_by}"
     return words, FAINT
+
+
+def _delay(blocking: str, waiting: str, station: str, view: View) -> str:
+    """Return how a player holds another one up, or what the local player can do about it."""
+    name = next((seat.name for seat in view.seats if seat.player == waiting), "") or waiting
+    if blocking == view.me:
+        return f"step aside for {name}" if station else f"do what {name} asks"
+    if waiting == view.me:
+        return "in your way" if station else "keeps you waiting"
+    return f"in {name}'s way" if station else f"keeps {name} waiting"
 
 
 def _card_height(layout: Layout) -> tuple[int, int]:

@@ -98,6 +98,8 @@ export class Cover {
     if (goal) made.append(element("p", {}, String(goal)));
     const uses = this.purposes.map(([kind, use]) => element("li", {}, element("b", {}, capitalised(kind)), use));
     if (game.task?.problem.shift) made.append(element("ul", { class: "purposes" }, ...uses));
+    const lasts = shiftLength(game);
+    if (lasts) made.append(element("p", {}, text("shiftLasts", { time: lasts })));
     const bounds = starBounds(game);
     if (bounds) made.append(element("p", {}, text("starPoints", { one: bounds[0], two: bounds[1], three: bounds[2] })));
     const touch = matchMedia("(pointer: coarse)").matches;
@@ -239,6 +241,16 @@ function onlyWatched({ me, outcome }) {
 }
 
 /**
+ * Return the length of a shift, as a clock or in steps; empty for other games.
+ * @param {Game} game
+ */
+function shiftLength({ task, clock: { max_steps: limit = Infinity }, stepSeconds }) {
+  if (!task?.problem.shift) return "";
+  const steps = Math.min(task.problem.shift.steps * task.profile.delayFactor, limit);
+  return stepSeconds ? clock(steps * stepSeconds) : text("someSteps", { steps });
+}
+
+/**
  * Return the points of one, two and three stars of a shift; null if the task has none.
  * @param {Game} game
  * @returns {number[] | null}
@@ -249,7 +261,7 @@ function starBounds({ task }) {
 }
 
 /**
- * Return the stars of a game that is over, and what the next star takes; null if its task has none.
+ * Return the stars of a game that is over, and what the next star needs; null if its task has none.
  * @param {Game} game
  */
 function ratingOf(game) {

@@ -95,6 +95,7 @@ export default {
   othersWon: "Die anderen haben es geschafft!",
   lost: "Diesmal nicht",
   shiftEnded: "Schicht zu Ende",
+  shiftLasts: "Die Schicht dauert {time}.",
   starPoints: "Einen Stern gibt es ab {one} Punkten, zwei ab {two}, drei ab {three}.",
   stars1: "Einen Stern gibt es für {take}.",
   stars2: "Zwei Sterne gibt es für {take}.",
