@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pygame
+import pytest
 from tests.support.window_play import world_of
 
 from robotouille import State
@@ -12,6 +13,7 @@ from robotouille_client.window.drawing.window_layout import layout
 from robotouille_client.window.pictures.appearance import AppearanceResolver
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
+from robotouille_client.window.pictures.theme import Colour
 from robotouille_client.window.view import View
 
 SHIFT = "shifts/01_sandwich_bar"
@@ -25,9 +27,21 @@ def with_an_order() -> State:
     return state
 
 
-def drawn(state: State, free: int) -> tuple[OrderSlips, int]:
+class Listener(Typesetter):
+    """Typesetter that keeps the lines that it draws."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lines: list[str] = []
+
+    def line(self, text: str, size: int, colour: Colour) -> pygame.Surface:
+        self.lines.append(text)
+        return super().line(text, size, colour)
+
+
+def drawn(state: State, free: int, text: Typesetter | None = None) -> tuple[OrderSlips, int]:
     """Draw the slips of a state; return them with their height."""
-    world, text = state.world, Typesetter()
+    world, text = state.world, text or Typesetter()
     rendering = rendering_of(world.task)
     sprites = Sprites(rendering.folders(world.task.folder), text)
     resolver = AppearanceResolver(world.task.domain, rendering)
@@ -54,3 +68,11 @@ def test_the_layers_of_a_dish_are_listed_where_its_order_is() -> None:
 def test_slips_show_the_layers_in_words_if_there_is_room() -> None:
     state = with_an_order()
     assert drawn(state, 600)[1] > drawn(state, 100)[1]
+
+
+@pytest.mark.parametrize("free", [100, 600])
+def test_slips_always_name_the_layers(free: int) -> None:
+    text = Listener()
+    drawn(with_an_order(), free, text)
+    said = ", ".join(text.lines)
+    assert "bread, cheese, bread" in said or "bread, cut tomato, bread" in said

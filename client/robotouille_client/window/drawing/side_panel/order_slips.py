@@ -35,8 +35,10 @@ BAR_STEPS = 60
 AMBER: Colour = (214, 150, 44)
 # Heights in letters: of a layer's row on a slip, the best first; of the line with a dish's name.
 _ROWS, _NAME = (1.7, 1.4, 1.2), 1.6
-# Lines of chat for which slips with layers leave room.
+# Lines of chat for which slips with a row for each layer leave room.
 _CHAT_LINES = 4
+# Lines for the words of all layers on other slips.
+_LINES = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,14 +160,16 @@ class OrderSlips:
         A shape that depended on the open orders would change with each of them.
         """
         letter, gap = layout.text, layout.text // 2
-        small = _Shape(round(letter * (2.6 if layout.compact else 3.6)))
+        if layout.compact:
+            return _Shape(round(letter * 2.6))
         free -= round(_CHAT_LINES * 1.2 * letter)
         most = max(len(layers) for layers in self._layers.values())
         for row in (round(letter * each) for each in _ROWS):
             height = round(letter * _NAME) + most * row + _thickness(letter) + gap
-            if not layout.compact and self._rules.most_open * (height + gap) <= free:
+            if self._rules.most_open * (height + gap) <= free:
                 return _Shape(height, row)
-        return small
+        words = _LINES * self._text.height(_small(letter))
+        return _Shape(round(letter * _NAME) + words + _thickness(letter) + gap)
 
     def _spared(self, order: OpenOrder, shape: _Shape) -> int:
         """Return the height that a dish with few layers does not need."""
@@ -193,22 +197,19 @@ class OrderSlips:
         )
         bar(surface, line, share, colour, mixed(PAPER, INK, 0.18))
         inner = pygame.Rect(line.x, slip.y + 2, line.width, line.y - slip.y - 4)
-        if shape.row:
-            rows = inner.copy()
+        layers, left, whole = self._layers[name], inner.x, inner.copy()
+        if not shape.row:
+            left = self._draw_pictures(surface, whole, _pictures(layers)) + pad
+        if shape.row or (not layout.compact and len(layers) > 1):
             inner.height = round(layout.text * _NAME) - 2
-            rows.top, rows.height = inner.bottom, rows.height - inner.height
-            self._draw_layers(surface, rows, layout, self._layers[name], shape.row)
+            below = pygame.Rect(left, inner.bottom, inner.right - left, whole.bottom - inner.bottom)
+            if shape.row:
+                self._draw_layers(surface, below, layout, layers, shape.row)
+            else:
+                self._draw_names(surface, below, layout, layers)
         worth = self._text.line(f"+{self._rules.worth(order, orders.time)}", layout.text, INK)
         surface.blit(worth, worth.get_rect(midright=(inner.right, inner.centery)))
         inner.width -= worth.get_width() + pad
-        left = inner.x
-        if not shape.row:
-            looks = _pictures(self._layers[name])
-            left = self._draw_pictures(surface, inner, looks) + pad
-            if not layout.compact and len(looks) > 1:
-                row = pygame.Rect(left, inner.centery, inner.right - left, inner.height // 2)
-                self._draw_row(surface, row, looks)
-                inner.height //= 2
         words = self._text.fit(name.capitalize(), max(10, layout.text - 1), inner.right - left)
         shown = self._text.line(words, max(10, layout.text - 1), INK)
         surface.blit(shown, shown.get_rect(midleft=(left, inner.centery)))
@@ -231,13 +232,19 @@ class OrderSlips:
             shown = self._text.line(words, small, INK)
             surface.blit(shown, shown.get_rect(midleft=(area.x + row + 6, middle)))
 
-    def _draw_row(
-        self, surface: pygame.Surface, row: pygame.Rect, pictures: Sequence[Appearance]
+    def _draw_names(
+        self,
+        surface: pygame.Surface,
+        area: pygame.Rect,
+        layout: Layout,
+        layers: Sequence[Layer],
     ) -> None:
-        """Draw the things of a dish next to each other."""
-        side = min(row.height, row.width // len(pictures))
-        for number, appearance in enumerate(pictures):
-            surface.blit(self._sprites.of(appearance, side), (row.x + number * side, row.y))
+        """Draw the words of a dish's layers one after the other, the lowest first."""
+        small, y = _small(layout.text), area.y
+        words = ", ".join(layer.words for layer in reversed(layers))
+        for line in self._text.wrap(words, small, area.width, _LINES):
+            surface.blit(self._text.line(line, small, INK), (area.x, y))
+            y += self._text.height(small)
 
     def _draw_pictures(
         self, surface: pygame.Surface, inner: pygame.Rect, pictures: Sequence[Appearance]
@@ -251,6 +258,11 @@ class OrderSlips:
             top = inner.bottom - size - round(i * rise)
             surface.blit(picture, (inner.x, top))
         return inner.x + size
+
+
+def _small(letter: int) -> int:
+    """Return the size of the words of layers that share a line."""
+    return max(10, round(letter * 0.75))
 
 
 def _thickness(letter: int) -> int:
