@@ -107,14 +107,14 @@ def test_the_window_says_once_why_a_dish_is_not_served(tmp_path: Path) -> None:
     now = [0.0]
     chat = ChatLog(lambda: now[0])
     feedback = Feedback(chat, Blockages(lambda: now[0]))
-    feedback.show_unserved(before, before, wording(before))
+    feedback.stepped(before, before, wording(before))
     assert chat.notice == ""
     state = bring(before, "bread")
-    feedback.show_unserved(before, state, wording(state))
+    feedback.stepped(before, state, wording(state))
     assert chat.notice.startswith("Nobody has ordered this now: lettuce sandwich.")
     assert chat.lines == ()
     now[0] = 60.0
-    feedback.show_unserved(state, state.step([]).state, wording(state))
+    feedback.stepped(state, state.step([]).state, wording(state))
     assert chat.notice == "", "it is not repeated in every step"
     told = tips_about(Controls(state.world), View(state.world, state, me=ME), HATCH)
     assert told[-1].startswith("Nobody has ordered this now: lettuce sandwich.")

@@ -235,6 +235,18 @@ def test_the_list_has_all_actions_and_digits_pick_one(table: Table) -> None:
     assert table.overlay().choices is None
 
 
+def test_an_action_chosen_twice_is_done_once(slow: Table) -> None:
+    slow.press(pygame.K_UP)
+    slow.step()
+    slow.timer.now += 1.0
+    for _ in range(2):
+        slow.press(pygame.K_TAB, pygame.K_1)
+        assert slow.overlay().queued == ()
+    slow.step()
+    slow.window.frame(slow.source)
+    assert [action.name for action in slow.source.acted] == ["move", "pick-up-item"]
+
+
 def test_the_list_by_arrows_and_enter(table: Table) -> None:
     table.press(pygame.K_TAB, pygame.K_DOWN, pygame.K_DOWN, pygame.K_UP)
     wanted = table.possible()[1]

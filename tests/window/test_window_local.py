@@ -290,6 +290,21 @@ def test_an_announcement_of_actions_shows_pictures() -> None:
     assert chat.bubbles == (Bubble("robot2", "", "chat", ("lettuce1",)),)
 
 
+def test_an_announcement_ends_when_another_player_takes_the_thing() -> None:
+    timer, world = Timer(), World("multi_agent/01")
+    wording, chat = Wording(world, language_of(world.task)), ChatLog(timer)
+    feedback = Feedback(chat, Blockages(timer))
+    walk = next(a for a in world.initial.actions("robot1") if a.destination == "table6")
+    before = world.initial.step(walk).state
+    take = next(a for a in before.actions("robot1") if "lettuce1" in a.arguments)
+    said = ChatPosted("Pia", "robot2", "Next: pick up the lettuce", 0.0)
+    feedback.show_speech(said, "robot2", before, wording)
+    feedback.stepped(world.initial, before, wording)
+    assert chat.bubbles
+    feedback.stepped(before, before.step(take).state, wording)
+    assert chat.bubbles == ()
+
+
 def test_a_signal_is_shown_with_what_it_points_at() -> None:
     timer, world = Timer(), World("multi_agent/01")
     wording, chat = Wording(world, language_of(world.task)), ChatLog(timer)

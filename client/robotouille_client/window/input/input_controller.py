@@ -143,7 +143,8 @@ class InputController:
         self.choices = None
         action = choices[index]
         label = controls.wording(view.me).action(action, view.state)
-        return self.queue.ask(Intent(label, partial(_repeat, label, action)), source, view)
+        intent = Intent(label, partial(_repeat, label, action), action=action)
+        return self.queue.ask(intent, source, view)
 
     @property
     def page(self) -> int:
@@ -269,6 +270,7 @@ class Intent:
 
     Attributes:
         follows: True if the input is meant for the station that the walk before it leads to.
+        action: The action, if it does not depend on the state.
         commands: The directions of a walk.
         extend: Function that adds the directions of a further walk; None if there are too many.
     """
@@ -276,6 +278,7 @@ class Intent:
     label: str
     resolve: Callable[[View], ResolvedInput]
     follows: bool = False
+    action: GroundAction | None = None
     commands: tuple[Command, ...] = ()
     extend: Callable[[Intent], Intent | None] | None = None
 
@@ -369,6 +372,8 @@ class ActionQueue:
         self._settle(view)
         asked = self._sent if self._sent is not None and self._sent.fate == "asked" else None
         walks = asked is not None and asked.action.destination is not None
+        if asked is not None and intent.action == asked.action and not _repeats(asked.action, view):
+            return ""  # A second choice of the same action, while the first one is under way.
         if intent.follows and (walks or self._retry is not None):
             return self._wait(intent)
         if intent.follows and self._just_failed:
@@ -503,6 +508,12 @@ class ActionQueue:
         taken = _is_in_the_way(view.world.unmet(view.state, sent.action), view)
         late = self._clock() - sent.time > LATE_SECONDS
         return "rejected" if taken or late else "asked"
+
+
+def _repeats(action: GroundAction, view: View) -> bool:
+    """Return whether an action can be done again at once, such as cutting."""
+    after = (view.state.facts | action.touched) ^ action.removed
+    return after & action.tested == action.required
 
 
 def _has_arrived(action: GroundAction, view: View) -> bool:

@@ -253,6 +253,24 @@ class ChatLog:
         # Long announcements stay longer, so that everyone has time to read them.
         self._notice_until = self._now() + NOTICE_SECONDS + READING_SECONDS * len(text)
 
+    def things_taken(self, before: State, state: State) -> None:
+        """Remove announcements of actions with things that other players have just taken."""
+        announced = [bubble for _, bubble in self._bubbles if bubble.things and not bubble.target]
+        # This runs in every step. In most steps nothing is announced, so skip computing the scene.
+        if not announced:
+            return
+        earlier, now, players = scene(before), scene(state), {*state.world.players}
+        taken = {
+            name: each.host
+            for name, each in now.items()
+            if each.host in players and name in earlier and earlier[name].host not in players
+        }
+        outdated = [
+            each for each in announced
+            if any(taken.get(name, each.player) != each.player for name in each.things)
+        ]  # fmt: skip
+        self._bubbles = [row for row in self._bubbles if row[1] not in outdated]
+
     def _add(self, bubble: Bubble, seconds: float = BUBBLE_SECONDS) -> None:
         # Two bubbles over one player would overlap, so the newest replaces the last.
         kept = [(until, b) for until, b in self._bubbles if b.player != bubble.player]
@@ -296,10 +314,16 @@ class Feedback:
         self.chat_log.rejected(player, unmet, text)
         self.blockages.refused(player, unmet, state)
 
-    def show_unserved(self, before: State | None, state: State, wording: Wording) -> None:
-        """Show why a dish that looks ready since a step is not served."""
-        if before is None or state.orders is None:
+    def stepped(self, before: State | None, state: State, wording: Wording) -> None:
+        """Update what is shown after a step."""
+        if before is None:
             return
+        self.chat_log.things_taken(before, state)
+        if state.orders is not None:
+            self._show_unserved(before, state, wording)
+
+    def _show_unserved(self, before: State, state: State, wording: Wording) -> None:
+        """Show why a dish that looks ready since a step is not served."""
         known = {(each.station, each.things) for each in unserved(before, wording)}
         for each in unserved(state, wording):
             if (each.station, each.things) not in known:

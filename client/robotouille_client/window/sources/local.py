@@ -257,7 +257,7 @@ class LocalSource(GameSource):
                         for move, attempt in zip(event.moves, event.attempts, strict=True)
                     ]
                     self._blockages.stepped(did, event.waits, event.state)
-                    self._feedback.show_unserved(event.before, event.state, self._wording)
+                    self._feedback.stepped(event.before, event.state, self._wording)
                     self._partners.observe(did)
                 case ActionRejected():
                     why = event.player, event.action, event.unmet

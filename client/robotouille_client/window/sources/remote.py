@@ -163,7 +163,7 @@ class RemoteSource(GameSource):
                     self._take_step(event)
                     self._show_rejections(event)
                     self._blockages.stepped(event.did, event.waits, event.state)
-                    self._feedback.show_unserved(event.previous, event.state, self._wording)
+                    self._feedback.stepped(event.previous, event.state, self._wording)
                 case ActRejected() if game.seat:
                     why = game.seat, event.action, event.unmet
                     self._feedback.show_rejection(*why, game.state, self._wording)

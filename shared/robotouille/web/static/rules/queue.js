@@ -14,7 +14,7 @@
  *   accepts no actions now.
  * @typedef {{
  *   label: string, resolve: (state: State, me: string, view: View) => Resolved, follows?: boolean,
- *   controls?: Controls, directions?: Tile[],
+ *   action?: Action, controls?: Controls, directions?: Tile[],
  * }} Intent Input that is resolved to an action when its turn comes. It `follows` if it is meant
  *   for the station that the walk before it leads to.
  * @typedef {"asked" | "done" | "rejected"} Fate
@@ -24,7 +24,7 @@
  * @typedef {{label: string, action: Action, until: number}} Retry Walk to an occupied station that
  *   is repeated until a time.
  */
-import { unmet, validActions } from "./actions.js";
+import { changes, unmet, validActions } from "./actions.js";
 import { handled, isIdle, keyWords, WAIT } from "./controls.js";
 import { capitalised } from "./words.js";
 import { preparationOf } from "./work.js";
@@ -130,7 +130,7 @@ export class ActionQueue {
     const resolve = (state, me) => {
       return { action, hint: words, valid: isValid(state, me, action), advice: false };
     };
-    return this.ask({ label: words, resolve }, view);
+    return this.ask({ label: words, resolve, action }, view);
   }
 
   // State of the queue
@@ -184,6 +184,9 @@ export class ActionQueue {
     if (frozen || !me || !state) return "";
     const asked = this._sent?.fate === "asked" ? this._sent : null;
     const walks = asked !== null && asked.action.destination !== null;
+    const again = asked !== null && intent.action?.key === asked.action.key;
+    // A second choice of the same action, while the first one is under way.
+    if (again && unmet(state.changed(changes(state, asked.action)), asked.action).length) return "";
     if (intent.follows && (walks || this._retry)) return this._wait(intent);
     if (intent.follows && this._justFailed) return UNREACHED;
     this._failedAt = null;
