@@ -164,6 +164,23 @@ def test_a_preloaded_game_reads_hardly_any_file(loaded) -> None:
     assert len(loaded) - ahead <= 0.1 * ahead
 
 
+def test_preloading_takes_its_time_on_average(monkeypatch: pytest.MonkeyPatch) -> None:
+    view, timer, drawn = next(bench.views(bench.course(1), 1)), Timer(), []
+    painter = Painter()
+    painter.stage(view.state)
+
+    def slow(path: Path, size: int) -> pygame.Surface:
+        timer.now += 1 / 128
+        drawn.append(path)
+        return pygame.Surface((size, size))
+
+    monkeypatch.setattr(sprites, "_load", slow)
+    preloader = Preloader(view.world, painter._resolver, painter._sprites, 40, timer)
+    for _ in range(100):
+        preloader.work(1 / 512)
+    assert len(drawn) == 25
+
+
 def test_missing_pictures_do_not_stop_preloading(tmp_path: Path, loaded) -> None:
     view = next(bench.views(bench.course(1), 1))
     painter = Painter()

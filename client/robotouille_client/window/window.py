@@ -22,7 +22,7 @@ from robotouille_client.window.view import GameSource, View
 
 _Drawn = tuple[tuple[int, int], object, int, object, UiOverlay, tuple[str, bool, float]]
 PRELOAD_SECONDS = 0.0004
-"""Time after each frame for drawing pictures that later frames may need."""
+"""Mean time after each frame for drawing pictures that later frames may need."""
 _IDLE_SECONDS = 0.02
 """Sleep after a frame in which nothing changed; the longest delay until input is handled.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import pygame
@@ -46,25 +46,35 @@ class Preloader:
     """Preloads for one world and one tile size, until the picture cache is half full."""
 
     def __init__(
-        self, world: World, resolver: AppearanceResolver, sprites: Sprites, tile: int
+        self,
+        world: World,
+        resolver: AppearanceResolver,
+        sprites: Sprites,
+        tile: int,
+        clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         self.tile = tile
+        self._clock = clock
+        self._due = 0.0
         self._world = world
         self._resolver = resolver
         self._sprites = sprites
         self._left: Iterator[Picture] | None = self._pictures()
 
     def work(self, seconds: float) -> None:
-        """Draw pictures for some time, at least one; the last one is always finished."""
-        until = time.perf_counter() + seconds
-        while self._left is not None:
+        """Draw pictures for some seconds, on average.
+
+        The last picture is always finished. What it takes too long is missing in the next calls.
+        """
+        self._due = min(0.0, self._due) + seconds
+        while self._left is not None and self._due > 0:
+            began = self._clock()
             picture = next(self._left, None)
             if picture is None or not self._sprites.roomy:
                 self._left = None
             else:
                 self._draw(*picture)
-            if time.perf_counter() >= until:
-                break
+            self._due -= self._clock() - began
 
     def _draw(self, file: str, size: int, opacity: int | None) -> None:
         if opacity is None:
