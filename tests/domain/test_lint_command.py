@@ -193,3 +193,22 @@ def test_object_that_occurs_once_in_an_action(tmp_path: Path) -> None:
     )
     knead["precons"][0]["params"] = ["i1"]
     assert "occurs nowhere else" not in "".join(lint(write(tmp_path, "b.json", bakery))[1])
+
+
+def test_invisible_characters_in_words_are_errors(tmp_path: Path) -> None:
+    words = {"extends": "robotouille", "language": {"purposes": {"table": "put\u200bthings down"}}}
+    write(tmp_path, "small.rendering.json", words)
+    domain = changed(DOMAIN, "action_defs", 0, "language_description", to="\u202eput {i}\u202c")
+    write(tmp_path, "small.json", domain)
+    goal = "Make a sandwich.\nTake care: \N{FAMILY} \N{MAN}\u200d\N{WOMAN} is fine."
+    problem = {**PROBLEM, "domain": "small", "goal_description": goal + "\u2066"}
+    name = write(tmp_path, "problem.json", problem)
+    status, lines = lint(name)
+    assert status == 1
+    found = [line.removesuffix(": remove it").split(": ")[-2:] for line in lines]
+    has = "has the invisible character"
+    assert [each for each in found if has in each[1]] == [
+        ["goal_description", f"{has} U+2066 LEFT-TO-RIGHT ISOLATE"],
+        ["action_defs[0].language_description", f"{has} U+202E RIGHT-TO-LEFT OVERRIDE"],
+        ["language.purposes.table", f"{has} U+200B ZERO WIDTH SPACE"],
+    ]

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from robotouille.episode import Chat
 from robotouille.protocol import messages
-from robotouille.protocol.visible_text import visible_text
+from robotouille.visible_text import visible_text
 
 HEART, FAMILY, KEYCAP = (
     "\u2764\ufe0f\u200d\U0001f525",

@@ -7,7 +7,7 @@ from functools import partial
 from robotouille.episode import ActionRequest, Episode
 from robotouille.errors import ProtocolError, UnknownNameError
 from robotouille.protocol import messages
-from robotouille.protocol.visible_text import plain_text
+from robotouille.visible_text import plain_text
 from robotouille.world.grounding.actions import GroundAction
 from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.publishing.broadcaster import Broadcaster

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from itertools import count
 from unicodedata import normalize
 
-from robotouille.protocol.visible_text import has_visible, is_seen
+from robotouille.visible_text import has_visible, is_seen
 
 MAX_NAME_LENGTH = 40
 

@@ -14,6 +14,9 @@ from collections.abc import Iterable, Iterator, Set
 from dataclasses import replace
 from itertools import islice, product
 from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
 
 from robotouille.domain.derived import created_kinds, fluents
 from robotouille.domain.domain_checks import check_domain, check_input
@@ -49,6 +52,7 @@ from robotouille.world.grounding.actions import ActionSchema
 from robotouille.world.grounding.atoms import EXISTS, USED
 from robotouille.world.grounding.objects import Object, bound, places_in_problem
 from robotouille.world.lint_renderings import lint_names, lint_pictures
+from robotouille.world.lint_wording import lint_wording
 from robotouille.world.scene import scene
 from robotouille.world.world import World
 
@@ -201,11 +205,11 @@ def lint_domain_file(path: Path) -> list[Fault]:
 
 
 def lint_domain(domain: DomainFile) -> list[Fault]:
-    """Report actions that can never apply, whatever the problem."""
+    """Report actions that can never apply, whatever the problem, and invisible characters."""
     changing = fluents(domain)
     implied = {rule.predicate for rule in domain.layout or ()}
     arity = {p.name: len(p.param_types) for p in domain.predicate_defs}
-    faults = []
+    faults = lint_wording(_as_json(domain))
     for i, action in enumerate(domain.action_defs):
         path = f"action_defs[{i}]"
         for predicate in _contradictions(action):
@@ -219,6 +223,10 @@ def lint_domain(domain: DomainFile) -> list[Fault]:
                 faults.append(Fault(f"{path}.precons[{j}]", message))
         faults += (Fault(f"{path}.{where}", words, "warning") for where, words in _lonely(action))
     return faults
+
+
+def _as_json(model: BaseModel) -> Any:
+    return model.model_dump(mode="json", by_alias=True, exclude_unset=True)
 
 
 def _lonely(action: ActionDef) -> Iterator[tuple[str, str]]:
@@ -248,6 +256,7 @@ def lint_task(task: Task) -> list[Fault]:
     faults = [
         *(f for f in check_problem(task.problem, task.domain) if f.severity != "error"),
         *check_kinds(task.problem, task.domain),
+        *lint_wording(_as_json(task.problem)),
         *lint_domain(task.domain),
         *placement,
         *_stations(world),

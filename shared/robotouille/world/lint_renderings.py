@@ -30,6 +30,7 @@ from robotouille.domain.task import Task, read_domain
 from robotouille.errors import Fault, FileError, bounded, did_you_mean, most_similar, suggestion
 from robotouille.files.reading import is_file
 from robotouille.installation import data_folder
+from robotouille.world.lint_wording import lint_wording
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,10 +182,12 @@ def lint_names(
 ) -> list[Fault]:
     """Report folders, renderings, kinds, predicates and actions that do not exist.
 
+    Invisible characters are reported, too.
+
     Arguments are as for `lint_rendering`. Conditions of pictures must fit the domain of the kind.
     """
     own = _own_files(path)
-    faults = [fault for raw in own.values() for fault in _folders(raw, beside)]
+    faults = [f for raw in own.values() for f in (*_folders(raw, beside), *lint_wording(raw))]
     known = _Known(path, rendering, domain, beside, kinds)
     for said in dict.fromkeys(domain_names(rendering)):
         where = next((file for file, raw in own.items() if _says(raw, said.definition)), None)

@@ -23,7 +23,7 @@ from typing_extensions import TypedDict
 from robotouille.episode.events import Reason
 from robotouille.episode.lifecycle import Absence, Controller, PauseReason, Phase
 from robotouille.episode.rules import MAX_LABELS, PRINTABLE, Chat, Clock
-from robotouille.protocol.visible_text import plain_text, visible_text
+from robotouille.visible_text import plain_text, visible_text
 from robotouille.world.unmet import Unmet, UnmetKind
 
 PROTOCOL_VERSION = 1

@@ -1,8 +1,9 @@
-"""Visible characters of participants' texts, which people and models must see alike."""
+"""Visible characters of texts from other people, which people and models must see alike."""
 
 from __future__ import annotations
 
 import re
+from itertools import zip_longest
 from unicodedata import category
 
 _UNSEEN = frozenset(
@@ -64,6 +65,13 @@ def without_invisible(text: str, kept: str = "") -> str:
 def plain_text(text: str) -> str:
     """Return a text without invisible characters except tabs and line feeds."""
     return without_invisible(text, kept="\t\n")
+
+
+def invisible_in(text: str) -> str:
+    """Return the first character that `plain_text` removes; empty if there is none."""
+    shown = plain_text(text)
+    pairs = zip_longest(text, shown) if shown != text else ()
+    return next((one for one, other in pairs if one != other), "") or ""
 
 
 def visible_text(text: str) -> str:
