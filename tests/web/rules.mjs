@@ -4,8 +4,8 @@ import { createInterface } from "node:readline";
 
 const RULES = new URL("../../shared/robotouille/web/static/rules/", import.meta.url);
 const load = (name) => import(new URL(`${name}.js`, RULES).href);
-const [{ Task, atomName }, { State }, actions, work, { Controls, handled }, { Goal }, queues] = await Promise.all(
-  ["task", "state", "actions", "work", "controls", "goal", "queue"].map(load),
+const [{ Task, atomName }, { State }, actions, work, { Controls, handled }, { Goal }, queues, { unserved }] = await Promise.all(
+  ["task", "state", "actions", "work", "controls", "goal", "queue", "unserved"].map(load),
 );
 
 const MOST_SHOWN = 10;
@@ -96,6 +96,7 @@ function compare(game, state, expect) {
   checkEach("general", general, expect.general);
   check("purposes", wording.purposes(), expect.purposes);
   check("help", controls.help(), expect.help);
+  checkEach("unserved", unserved(state, wording), expect.unserved);
   check("goal", game.goal.fit(state).holding, expect.goal);
 }
 

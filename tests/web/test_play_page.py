@@ -19,10 +19,13 @@ from robotouille.planning.plan import read_plan
 from robotouille.protocol import messages
 from robotouille.replay.recording import read_recording
 from robotouille.world.presentation.places import capitalised
+from robotouille.world.presentation.unserved import unserved
 from robotouille.world.presentation.wording import Wording
+from robotouille.world.presentation.work import useful_actions
 from robotouille_client import connect
 from robotouille_client.bots.kinds import BotKind, BotSetup, policy_maker
 from robotouille_client.bots.seat_session import SeatRequest, play_seat
+from robotouille_client.window.sources.texts import unserved_words
 from robotouille_server import Server
 from robotouille_server.requests import Opening, open_episode
 from robotouille_server.rooms.room import Room
@@ -101,8 +104,11 @@ def together(task: str) -> Iterator[dict[str, str]]:
 def words_of(state: State, player: str, action: GroundAction | None) -> str:
     if action is None:
         return "Wait"
-    wording = Wording(state.world, language_of(state.world.task), player)
-    return capitalised(wording.action(action, state))
+    return capitalised(wording(state, player).action(action, state))
+
+
+def wording(state: State, player: str) -> Wording:
+    return Wording(state.world, language_of(state.world.task), player)
 
 
 async def by_buttons(page: Any, words: str) -> None:
@@ -226,6 +232,29 @@ async def test_whole_task_is_played_in_a_browser(browser: Any, tmp_path: Path, k
     assert recording.outcome is not None
     assert recording.outcome["reason"] == "goal"
     assert recording.participants == {"robot1": ("Ada", "human")}
+
+
+async def test_page_says_why_a_dish_is_not_served(browser: Any, tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        room = server.lobby.create(messages.Create(task="shifts/01@1", clock="lockstep"))
+        async with visiting(browser, link(server.port, room.code), "Ada") as page:
+            await get_ready(page)
+            step = 0
+            await at_step(page, step)
+            for station in ("crate1", "hatch1") * 2:
+                for there in (station, None):
+                    state = room.episode.state
+                    action = next(
+                        each
+                        for each in useful_actions(state, "robot1")
+                        if station in each.arguments and each.destination == there
+                    )
+                    await by_buttons(page, words_of(state, "robot1", action))
+                    step += 1
+                    await at_step(page, step)
+            (found,) = unserved(room.episode.state, wording(room.episode.state, "robot1"))
+            assert found.fault
+            await expect(page.locator("#notice")).to_have_text(unserved_words(found))
 
 
 def opened_room(server: Server, **options: Any) -> Room:

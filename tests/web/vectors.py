@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import dataclasses
 import json
 import random
 import sys
@@ -24,7 +25,9 @@ from robotouille.domain.task import Task
 from robotouille.errors import RobotouilleError, TooManyObjectsError
 from robotouille.protocol.states import StateWriter, why_row
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.presentation.unserved import Unserved, unserved
 from robotouille.world.presentation.work import Occupancy, useful_actions, work_in_progress
+from robotouille.world.scene import scene
 from robotouille.world.timers import Progress
 from robotouille.world.world import State
 from robotouille_client.window.input.commands import DIRECTIONS, KeyMap
@@ -127,9 +130,19 @@ def _joint(state: State, rng: random.Random) -> dict[str, GroundAction]:
         valid = useful_actions(state, player) if rng.random() < 0.9 else state.actions(player)
         work = [action for action in valid if action.destination is None]
         choices = work if work and rng.random() < 0.6 else valid
+        served = _for_guests(state, player, valid)
+        choices = served if served and rng.random() < 0.6 else choices
         if choices and rng.random() < 0.9:
             joint[player] = rng.choice(choices)
     return joint
+
+
+def _for_guests(state: State, player: str, valid: Iterable[GroundAction]) -> list[GroundAction]:
+    """Return the actions that bring what a player holds to where dishes are served."""
+    shift = state.world.shift
+    if shift is None or not any(each.host == player for each in scene(state).values()):
+        return []
+    return [action for action in valid if not shift.serving.keys().isdisjoint(action.arguments)]
 
 
 class _Answers:
@@ -181,6 +194,7 @@ class _Answers:
             "general": lambda: [wording.in_general(schema) for schema in self._world.schemas],
             "purposes": lambda: list(map(list, wording.purposes())),
             "goal": lambda: list(self._world.goal.holding(state.facts)),
+            "unserved": lambda: [_unserved(each) for each in unserved(state, wording)],
         }
         found: dict[str, Any] = {"me": me, "names": names}
         for name, ask in asked.items():
@@ -329,6 +343,10 @@ class _Person(GameSource):
 def _row(resolved: ResolvedInput) -> list[Any]:
     action = None if resolved.action is None else str(resolved.action)
     return [action, resolved.hint, resolved.valid, resolved.advice]
+
+
+def _unserved(found: Unserved) -> dict[str, Any]:
+    return {**dataclasses.asdict(found), "things": sorted(found.things)}
 
 
 def _progress(row: Progress) -> dict[str, Any]:

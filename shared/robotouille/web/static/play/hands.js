@@ -3,15 +3,17 @@
 import { Controls } from "../rules/controls.js";
 import { ActionQueue } from "../rules/queue.js";
 import { scene } from "../rules/scene.js";
+import { unserved } from "../rules/unserved.js";
 import { capitalised } from "../rules/words.js";
 import { byId, element, inputById, now, setText } from "./dom.js";
-import { duration, text } from "./texts.js";
+import { duration, text, unservedWords } from "./texts.js";
 
 /** @typedef {import("./game.js").Game} Game */
 /** @typedef {import("./game.js").Answer} Answer */
 /** @typedef {import("../kitchen/painter.js").Kitchen} Kitchen */
 /** @typedef {import("../kitchen/look.js").Look} Look */
 /** @typedef {import("../rules/actions.js").Action} Action */
+/** @typedef {import("../rules/state.js").State} State */
 /**
  * @typedef {{notify: (words: string) => void, signal: AbortSignal}} Around
  */
@@ -95,10 +97,16 @@ export class Hands {
     byId("kitchen").title = found && state ? this.tip(found) : "";
   }
 
-  /** Return what a click on an object would do. @param {string} target */
+  /** Return what a click on an object would do, and why a dish there is not served. @param {string} target */
   tip(target) {
     const { state, me } = this.game;
     if (!state) return "";
+    const why = unserved(state, this.wording).filter(({ station }) => station === target);
+    return [this.does(target, state, me), ...why.map(unservedWords)].join("\n");
+  }
+
+  /** @param {string} target @param {State} state @param {string | null} me */
+  does(target, state, me) {
     const name = this.wording.thing(target, state);
     if (!me || state.busySteps(me)) return name;
     const { hint } = this.controls.click(state, me, target);

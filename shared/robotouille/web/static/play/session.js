@@ -1,6 +1,7 @@
 // One visit of a kitchen: connects the conversation, the game, the picture and the controls.
 
 import { Kitchen } from "../kitchen/painter.js";
+import { unserved } from "../rules/unserved.js";
 import { taskTitle } from "../rules/words.js";
 import { Bubbles } from "./bubbles.js";
 import { Connection, socketAddress } from "./connection.js";
@@ -12,7 +13,7 @@ import { loadLook } from "./look.js";
 import { Chat, showSeats } from "./panel.js";
 import { nextAddress, obeyParent, tellParent } from "./parent.js";
 import { keepSeat, seatKey, seatToken } from "./storage.js";
-import { clock, text } from "./texts.js";
+import { clock, text, unservedWords } from "./texts.js";
 import { newTicket } from "./ticket.js";
 
 /** @typedef {import("./connection.js").Message} Message */
@@ -27,6 +28,8 @@ import { newTicket } from "./ticket.js";
  */
 
 const NOTICE_SECONDS = 4;
+// Additional time for each letter of a notice.
+const READING_SECONDS = 0.06;
 // Beginning of a bot's announcement of its next actions (planning/policies/team_talk.py).
 const INTENDS = "Next: ";
 // The live region speaks at most this often, so that a screen reader can follow.
@@ -208,8 +211,24 @@ export class Session {
     this.ticket?.update();
     this.hands?.stepped();
     this.progress();
+    this.explainUnserved();
     tellParent("step", { step: game.step, points: game.state?.orders?.score });
     this.status();
+  }
+
+  /** Say why a dish that looks ready since the last step is not served. */
+  explainUnserved() {
+    const { before, state } = this.game;
+    if (!before || !state || !this.hands) return;
+    const { wording } = this.hands;
+    const key = (/** @type {import("../rules/unserved.js").Unserved} */ { station, things }) =>
+      [station, ...things].join(" ");
+    const known = new Set(unserved(before, wording).map(key));
+    for (const each of unserved(state, wording)) {
+      if (known.has(key(each))) continue;
+      this.notify(unservedWords(each));
+      this.speak(unservedWords(each));
+    }
   }
 
   progress() {
@@ -331,7 +350,7 @@ export class Session {
   notify(words) {
     if (!words) return;
     setText(byId("notice"), words);
-    this.noticeUntil = now() + NOTICE_SECONDS;
+    this.noticeUntil = now() + NOTICE_SECONDS + READING_SECONDS * words.length;
   }
 
   draw() {

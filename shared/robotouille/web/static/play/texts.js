@@ -62,6 +62,13 @@ export function clock(seconds) {
 export const duration = (steps, stepSeconds) => stepSeconds === null
   ? text("someSteps", { steps }) : text("seconds", { seconds: Math.ceil(steps * stepSeconds) });
 
+/**
+ * Return why a dish is not served, and what to do.
+ * @param {import("../rules/unserved.js").Unserved} found
+ */
+export const unservedWords = ({ dish, fault }) =>
+  text(fault ? "unserved" : "unordered", { dish, fault });
+
 /** Return names as a list, such as `Ada, Ben, Cem`. @param {string[]} names */
 export const listed = (names) =>
   new Intl.ListFormat(document.documentElement.lang, { type: "conjunction" }).format(names);

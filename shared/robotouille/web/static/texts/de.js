@@ -68,6 +68,8 @@ export default {
   substitute: "ein Bot vertritt",
   goal: "Ziel",
   orders: "Bestellungen",
+  unordered: "Das hat gerade niemand bestellt: {dish}. Lass es für die nächste Bestellung stehen, oder nimm es auseinander, um Platz zu schaffen.",
+  unserved: "Nicht serviert, weil es nicht zur Bestellung passt ({dish}): {fault}. Nimm es auseinander, um es zu ändern.",
   noOrders: "Gerade keine Bestellungen",
   worth: "{dish}: {points} Punkte.",
   worthEarly: "{dish}: {points} Punkte, bis zu {tip} mehr, wenn es schnell geht.",

@@ -68,6 +68,8 @@ export default {
   substitute: "a bot stands in",
   goal: "Goal",
   orders: "Orders",
+  unordered: "Nobody has ordered this now: {dish}. Leave it for the next order, or take it apart to make room.",
+  unserved: "Not served, because it does not fit the order ({dish}): {fault}. Take it apart to change it.",
   noOrders: "No orders at the moment",
   worth: "{dish}: {points} points.",
   worthEarly: "{dish}: {points} points, up to {tip} more if it is early.",
