@@ -126,6 +126,8 @@ def tasks(display: Display, out: Path) -> Iterator[str]:
 def game(display: Display, out: Path) -> Iterator[str]:
     """Draw a game with a partner and the list of actions."""
     yield from pause(30)
+    yield "return"
+    yield from pause(30)
     for key in ("right", "e"):
         yield key
         yield from pause(90)
@@ -161,6 +163,8 @@ def tutorial(display: Display, out: Path) -> Iterator[str]:
 
 def lost(display: Display, out: Path) -> Iterator[str]:
     """Draw the end of a game that reached its step limit."""
+    yield from pause(30)
+    yield "return"
     yield from pause(300)
     display.save(out / "lost.png")
 
