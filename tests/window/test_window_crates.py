@@ -100,3 +100,8 @@ def test_the_strip_says_that_a_bin_takes_things_away(cook: Cook) -> None:
 def test_the_strip_says_what_a_station_is_for(cook: Cook) -> None:
     cook.go("hatch1")
     assert cook.strip == {"": "Build dishes here; a complete dish is served"}
+
+
+def test_the_strip_has_no_advice_for_empty_hands_at_a_table(cook: Cook) -> None:
+    cook.go("table1")
+    assert cook.strip == {}
