@@ -338,6 +338,7 @@ class Shift(Schema):
         stars: Points for one, two and three stars in a window, by the number of seats.
         planner: Points of planner bots by the number of seats, for the orders of seed 0 and the
             profile `benchmark`. `robotouille plan` computes them.
+        planner_people: The same for the profile `people`, which the window shows.
     """
 
     steps: Annotated[int, Field(ge=1, le=10_000)]
@@ -348,6 +349,7 @@ class Shift(Schema):
     discard: Name | None = None
     stars: dict[SeatCount, tuple[Points, Points, Points]] = {}
     planner: dict[SeatCount, int] = {}
+    planner_people: dict[SeatCount, int] = {}
 
     def bound(self, delay_factor: int) -> int | None:
         """Return the points that nobody can exceed; None if no orders have been drawn.

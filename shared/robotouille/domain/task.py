@@ -66,8 +66,8 @@ def draw_orders(problem: ProblemFile, seed: int) -> ProblemFile:
         orders.append(Arrival(at=at, dish=generator.choice(dishes)))
         at += generator.randint(*shift.arrivals.every)
     # The points of planner bots are for the orders of seed 0.
-    planner = {} if seed else shift.planner
-    drawn = shift.model_copy(update={"arrivals": tuple(orders), "planner": planner})
+    stale: dict[str, object] = {"planner": {}, "planner_people": {}} if seed else {}
+    drawn = shift.model_copy(update={"arrivals": tuple(orders), **stale})
     return problem.model_copy(update={"shift": drawn})
 
 

@@ -155,6 +155,7 @@ def varied(shift: Shift, rng: SeededRng) -> Shift:
             "arrivals": tuple(_arrivals(times, chosen, shift.steps, rng)),
             "stars": {},
             "planner": {},
+            "planner_people": {},
         }
     )
 

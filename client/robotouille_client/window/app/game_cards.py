@@ -278,9 +278,10 @@ def _most_words(task: Task, shift: Shift) -> str:
     """Return the points of planner bots in a shift, and those that nobody can exceed, in words."""
     bound = shift.bound(task.profile.delay_factor)
     most = "" if bound is None else f"No more than {bound} points are possible."
-    known = shift.planner.get(task.seats)
     # Bots earn other points in the `people` timing, where walks are short compared with work.
-    if known is None or task.timing is not Timing.BENCHMARK:
+    points = shift.planner if task.timing is Timing.BENCHMARK else shift.planner_people
+    known = points.get(task.seats)
+    if known is None:
         return most
     return f"Best known: {known} points. {most}".strip()
 
