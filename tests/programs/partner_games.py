@@ -38,7 +38,7 @@ from robotouille.planning.policies.skill import SKILLS, SkilledPolicy
 from robotouille.planning.policies.standing import seat_out_of_the_way
 from robotouille.planning.policies.team_plan import NEAR
 from tests.programs.bot_work import Kitchen, Standstill, idle_steps, standstills, states
-from tests.programs.simulated_people import PEOPLE, RATE, Blocker, person
+from tests.programs.simulated_people import IN_SHIFTS, PEOPLE, RATE, Blocker, person
 from tests.support.team_games import TeamGame, play_team
 
 LIMIT, SHIFT = 1_500, 10_000
@@ -197,8 +197,8 @@ def settings(options: argparse.Namespace) -> Iterator[Setting]:
         range(options.seeds),
     ):
         alone = seats == 1 and who != "nobody"
-        hatch = who != "at_hatch" or task.startswith("shifts/")
-        if seats in (load_task(task).problem.seats or ()) and not alone and hatch:
+        possible = who not in IN_SHIFTS or task.startswith("shifts/")
+        if seats in (load_task(task).problem.seats or ()) and not alone and possible:
             yield Setting(task, seats, who, options.skill, seed, options.speed)
 
 

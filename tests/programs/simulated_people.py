@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 import sys
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 
 from robotouille import GroundAction, State, World
 from robotouille.domain.rendering import language_of
@@ -18,6 +18,7 @@ from robotouille.planning.policies.team_plan import BRIEF, HURRIED
 from robotouille.planning.policies.team_talk import requested
 from robotouille.planning.solvers import AnytimePlanner
 from robotouille.world.presentation.wording import Wording
+from robotouille.world.shift import OpenOrder
 from tests.support.team_games import Idle
 
 RATE = 5.0
@@ -96,14 +97,15 @@ class Cook:
 
     The piece is the own part of a plan for everybody. After three seconds without a chance to go
     on, it is a piece that is possible while the others stand still, or a step out of the way.
+
+    Args:
+        agenda: Goals that the cook reaches without help; by default the goals of the bots.
     """
 
-    def __init__(self, world: World, player: str) -> None:
+    def __init__(self, world: World, player: str, agenda: Agenda | None = None) -> None:
         self._player = player
-        if world.shift is None:
-            self._agenda: Agenda = OneGoal(AnytimePlanner(World(world.task)))
-        else:
-            self._agenda = OpenOrders(world, {})
+        self._counts_on_others = agenda is None
+        self._agenda = agenda or _common_agenda(world)
         self._topic: Hashable = None
         self._script: Script | None = None
         self._hands_full = False
@@ -145,7 +147,8 @@ class Cook:
             aside = with_others_aside(here, [p for p in here.world.players if p != self._player])
             plan, start = self._search(anytime, aside, (self._player,)), aside
             # Everybody sees that a dish is nearly ready.
-            if not alone and len(plan) not in range(1, OBVIOUS + 1):
+            together = self._counts_on_others and not alone
+            if together and len(plan) not in range(1, OBVIOUS + 1):
                 plan, start = self._search(anytime, here, tuple(here.world.players)), here
             return Script(self._player, plan, start, direct=True)
         return Script(self._player, Plan(()), state)
@@ -155,16 +158,40 @@ class Cook:
         return next(search).plan or Plan(())
 
 
+def _common_agenda(world: World) -> Agenda:
+    if world.shift is not None:
+        return OpenOrders(world, {})
+    return OneGoal(AnytimePlanner(World(world.task)))
+
+
+class OneOrder(OpenOrders):
+    """Agenda of a person who works for any one order until it is served or expires."""
+
+    def __init__(self, world: World, seed: int) -> None:
+        super().__init__(world, {})
+        self._random = random.Random(f"{seed}:order")
+        self._begun: OpenOrder | None = None
+
+    def topic(self, state: State) -> Hashable:
+        orders = () if state.orders is None else state.orders.open
+        if self._begun not in orders:
+            self._begun = self._random.choice(orders) if orders else None
+        return self._begun
+
+    def goals(self, state: State) -> Sequence[AnytimePlanner]:
+        return () if self._begun is None else (self.planner(self._begun),)
+
+
 class Newcomer:
     """Cooks with a newcomer's pauses, and makes way two seconds after a request."""
 
     kind = "human"
     anticipating = False
 
-    def __init__(self, world: World, player: str, seed: int) -> None:
+    def __init__(self, world: World, player: str, seed: int, agenda: Agenda | None = None) -> None:
         skill = Skill(reaction=0.4, pace=0.6, slips=0.03)
         self._player = player
-        self._cook = Cook(world, player)
+        self._cook = Cook(world, player, agenda)
         self._policy = SkilledPolicy(self._cook, player, skill, step_seconds=1 / RATE, seed=seed)
         self._random = random.Random(f"{seed}:{player}")
         self._wording = Wording(world, language_of(world.task))
@@ -216,10 +243,14 @@ def person(kind: str, world: World, player: str, seed: int) -> Policy:
         "at_stove": lambda: Blocker(player, STOVES),
         "at_hatch": lambda: Blocker(player, COUNTERS),
         "helpful": lambda: Newcomer(world, player, seed),
+        "stubborn": lambda: Newcomer(world, player, seed, OneOrder(world, seed)),
     }
     return made[kind]()
 
 
 PEOPLE = (
-    "idle", "wandering", "hoarding", "keeping", "blocking", "at_stove", "at_hatch", "helpful",
+    "idle", "wandering", "hoarding", "keeping", "blocking", "at_stove", "helpful",
+    "at_hatch", "stubborn",
 )  # fmt: skip
+IN_SHIFTS = ("at_hatch", "stubborn")
+"""People who only make sense in a shift."""

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from robotouille import load_task
 from robotouille.batch import BatchWorld
 from robotouille.envs import RobotouilleEnv
 from robotouille.errors import RobotouilleError
@@ -29,6 +30,7 @@ from tests.support.shifts import EXAMPLE, bistro, example, recomputed
 from tests.support.virtual_time import virtual
 
 ALONE = PlannerOptions(alone=True)
+SANDWICHES = Path(__file__).parents[2] / "problems" / "shifts" / "01_sandwich_bar.json"
 
 
 def scores(recording: Recording) -> list[int]:
@@ -143,6 +145,27 @@ def test_bot_does_nothing_without_orders(tmp_path: Path) -> None:
         assert policy.act(state) is None
         state = state.step(None).state
     assert policy.act(state) is not None
+
+
+def test_bot_finishes_what_is_on_the_hatch_before_a_more_urgent_dish(tmp_path: Path) -> None:
+    problem = json.loads(SANDWICHES.read_text())
+    shift = problem["shift"]
+    # The order for tomato arrives when bread and cheese are on the hatch.
+    shift["arrivals"] = [
+        {"at": 0, "dish": "cheese sandwich"},
+        {"at": 8, "dish": "tomato sandwich"},
+    ]
+    shift["menu"]["tomato sandwich"]["patience"] = 30
+    for scores in ("stars", "planner", "planner_people"):
+        del shift[scores]
+    (tmp_path / "sandwiches.json").write_text(json.dumps(problem))
+    world = World(load_task(str(tmp_path / "sandwiches.json"), seats=1))
+    served_first = served_alone(world, 12).orders
+    assert served_first is not None
+    assert [order.number for order in served_first.open] == [1]
+    both = served_alone(world, 30).orders
+    assert both is not None
+    assert (both.served, both.expired) == (2, 0)
 
 
 def test_a_favour_lasts_when_the_next_order_begins(tmp_path: Path) -> None:

@@ -197,6 +197,17 @@ class ShiftRules:
         """Return all things on a station that serves."""
         return self.returns.things_at(self.serving[station], facts)
 
+    def fits(self, name: str, facts: int) -> bool:
+        """Return whether a station for serving is empty, or has only parts of a dish."""
+        if not facts & self._serving_mask:
+            return True
+        piles = [self.things_on(station, facts) for station in self.serving]
+        return any(self._belong_to(name, pile, facts) for pile in piles)
+
+    def _belong_to(self, name: str, things: frozenset[str], facts: int) -> bool:
+        fit = self._goals[name].fit(self.returns.facts_about(things, facts))
+        return things <= {*fit.chosen.values()}
+
     def dish_of(self, things: frozenset[str], facts: int) -> str:
         """Return the name of the dish that the things form; empty if they form no dish."""
         alone = self.returns.facts_about(things, facts)

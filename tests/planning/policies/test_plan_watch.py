@@ -63,12 +63,13 @@ class Watched:
         before: str = "",
         in_vain: int = 0,
         opened: bool = False,
+        instead_of: TeamPlan | None = None,
         **flags: bool,
     ) -> None:
         self.teammates, self.step = teammates, 0
         self.state = self._after(KITCHEN.initial, before)
         joint = Plan(tuple((_action(text),) for text in plan))
-        made = TeamPlan(joint, self.state, assumption, **flags)
+        made = TeamPlan(joint, self.state, assumption, instead_of=instead_of, **flags)
         self.watch = PlanWatch(
             made,
             Script("robot1", joint, KITCHEN.initial),
@@ -99,6 +100,9 @@ def without(player: str) -> PlanVerdict:
 
 NOTHING = [""]
 HURRIED = BOTH._replace(hurried=True)
+HURRIED_ONE = ONE._replace(hurried=True)
+POSTPONED = 15
+"""Steps between two looks at a goal that needs the help of others."""
 TEAM_CASES = {
     "as planned": (TO_LETTUCE, ONE, [TO_LETTUCE], KEEP),
     "others walk elsewhere": (TO_LETTUCE, ONE, [OTHER_ASIDE], KEEP),
@@ -209,6 +213,28 @@ def test_pauses_before_further_attempts_become_longer() -> None:
     watched = Watched([TO_LETTUCE], teammates, Assumption.EVERYBODY, in_vain=len(WAYS) + 1)
     assert {watched.check() for _ in range(2 * LONG)} == {KEEP}
     assert watched.check() == DROP
+
+
+@pytest.mark.parametrize(
+    ("prevented", "expected", "last"),
+    [
+        (Assumption.OTHERS_ASIDE, ["", ""], KEEP),
+        (Assumption.OTHERS_ASIDE, [TAKES], KEEP),
+        (Assumption.OTHERS_ASIDE, [OTHER_AWAY], DROP),
+        (Assumption.EVERYBODY, [OTHER_AWAY], KEEP),
+        (Assumption.EVERYBODY, [OTHER_AWAY] + NOTHING * POSTPONED, DROP),
+        (Assumption.EVERYBODY, NOTHING * (POSTPONED + 1), KEEP),
+    ],
+)
+def test_team_returns_to_its_first_goal_once_others_make_way(
+    prevented: Assumption, expected: list[str], last: PlanVerdict
+) -> None:
+    steps = Plan(((_action(TO_LETTUCE),), (_action(TAKES.replace("robot2", "robot1")),)))
+    first = TeamPlan(steps, KITCHEN.initial, prevented, can_begin=False)
+    watched = Watched([TO_BOARD], HURRIED_ONE, before=OTHER_TO_LETTUCE, instead_of=first)
+    *before, verdict = [watched.check(text) for text in expected]
+    assert set(before) <= {KEEP}
+    assert verdict == last
 
 
 def test_idle_steps_of_a_member_count_under_several_plans() -> None:

@@ -8,6 +8,7 @@ from typing import Protocol
 from robotouille.planning.policies.team_plan import TeamPlanner, TeamSearch
 from robotouille.planning.shift import DishPlanner, rules_of
 from robotouille.planning.solvers import AnytimePlanner
+from robotouille.world.shift import OpenOrder
 from robotouille.world.world import State, World
 
 
@@ -60,14 +61,26 @@ class OpenOrders:
         # Several orders in a row may be for the same dish.
         if state.orders is None or not state.orders.open:
             return None
-        return state.orders.by_urgency[0].number, state.orders.served
+        return self._by_fit(state)[0].number, state.orders.served
 
     def goals(self, state: State) -> Sequence[AnytimePlanner]:
-        orders = [] if state.orders is None else state.orders.by_urgency
-        names = dict.fromkeys(self._rules.dish_name(order.number) for order in orders)
-        return [self._planner(name).anytime for name in names]
+        orders = self._by_fit(state)
+        return [*dict.fromkeys(self.planner(order) for order in orders)]
 
-    def _planner(self, name: str) -> DishPlanner:
+    def _by_fit(self, state: State) -> list[OpenOrder]:
+        """Return the open orders by urgency, those first that fit what is on the hatch.
+
+        Another dish would begin with taking apart what a player has put together.
+        """
+        if state.orders is None:
+            return []
+        orders, rules = state.orders.by_urgency, self._rules
+        fitting = [o for o in orders if rules.fits(rules.dish_name(o.number), state.facts)]
+        return [*fitting, *(order for order in orders if order not in fitting)]
+
+    def planner(self, order: OpenOrder) -> AnytimePlanner:
+        """Return the planner of an order's dish."""
+        name = self._rules.dish_name(order.number)
         if name not in self._dishes:
             self._dishes[name] = DishPlanner(self._world, name)
-        return self._dishes[name]
+        return self._dishes[name].anytime

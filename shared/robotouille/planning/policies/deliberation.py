@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from robotouille.planning.plan import Plan
@@ -60,6 +61,7 @@ class Deliberation:
             del self._left[0]
             # While others keep the team from its first goal, it works for another one.
             if made.can_begin:
-                return Choice(made, aim)
+                put_off = None if self._first is None else self._first.made
+                return Choice(replace(made, instead_of=put_off), aim)
             self._first = self._first or Choice(made, aim)
         return self._first or Choice(self._nothing)

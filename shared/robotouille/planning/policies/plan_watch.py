@@ -165,9 +165,24 @@ class PlanWatch:
         astray = self.script.astray & set(team)
         if astray:
             return PlanVerdict(keep=False, without=frozenset(astray))
+        if self._may_return(past, teammates):
+            return DROP
         if self.assumption is Assumption.TEAM:
             return self._check_delay(past, teammates)
         return self._check_standstill(past, teammates)
+
+    def _may_return(self, past: PastStep, teammates: Teammates) -> bool:
+        """Return whether others may no longer keep the team from a more urgent goal."""
+        first, state, others = self._made.instead_of, past.state, teammates.others
+        if first is None:
+            return False
+        if first.assumption is not Assumption.OTHERS_ASIDE:
+            late = past.step - self.base.step > LONG
+            return late and facts_about(others, state) != self.base.others
+        coming = [each for joint in first.plan for each in joint if each.player in teammates.team]
+        if station_in_the_way(coming, state, others) is not None:
+            return False
+        return object_in_hand(coming, state, others) is None
 
     def _check_delay(self, past: PastStep, teammates: Teammates) -> PlanVerdict:
         """Check a plan that relies on the team: others may block it, or a member may do nothing."""

@@ -282,7 +282,7 @@ class TeamPlan:
     `found` is the search result if the plan relies on the team alone. `cut_off` is true if others
     block places or hold objects that the team needs. `aside_untried` is true if no search checked
     whether walks of the others would help. `can_begin` is false if the team can do nothing until
-    the others step aside.
+    the others step aside. `instead_of` is the plan for a more urgent goal, which others prevent.
     """
 
     plan: Plan
@@ -292,6 +292,7 @@ class TeamPlan:
     cut_off: bool = False
     aside_untried: bool = False
     can_begin: bool = True
+    instead_of: TeamPlan | None = None
 
 
 class TeamPlanner:
