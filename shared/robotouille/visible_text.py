@@ -68,7 +68,7 @@ def plain_text(text: str) -> str:
 
 
 def invisible_in(text: str) -> str:
-    """Return the first character that `plain_text` removes; empty if there is none."""
+    """Return the first character that `plain_text` removes, or an empty text."""
     shown = plain_text(text)
     pairs = zip_longest(text, shown) if shown != text else ()
     return next((one for one, other in pairs if one != other), "") or ""

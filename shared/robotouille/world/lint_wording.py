@@ -1,6 +1,6 @@
 """Check of a kitchen's words for characters that nobody can see.
 
-Such characters could change the order of words, or make two names look alike.
+Invisible characters can change the order of words, or make two names look alike.
 """
 
 from __future__ import annotations

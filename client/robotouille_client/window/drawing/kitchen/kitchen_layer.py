@@ -64,7 +64,7 @@ class Preloader:
     def work(self, seconds: float) -> None:
         """Draw pictures for some seconds, on average.
 
-        The last picture is always finished. What it takes too long is missing in the next calls.
+        A picture that takes longer is finished, and the next calls draw less.
         """
         self._due = min(0.0, self._due) + seconds
         while self._left is not None and self._due > 0:
