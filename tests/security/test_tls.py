@@ -25,7 +25,7 @@ from robotouille_client import Client
 from robotouille_client.errors import ConnectionFailedError
 from robotouille_server.auth import Role
 from robotouille_server.cli import _greeting, first_room
-from robotouille_server.transport.admission import FAIR_SECONDS, HANDSHAKES_AT_ONCE
+from robotouille_server.transport.admission import FAIR_SECONDS, HANDSHAKES_AT_ONCE, Newcomers
 from robotouille_server.transport.connection import Connection
 from robotouille_server.transport.loop_budget import LoopBudget
 from robotouille_server.transport.tls import (
@@ -223,6 +223,23 @@ async def test_aborted_handshakes_leave_no_error(pair: Pair, tmp_path: Path) -> 
         gc.collect()
         await asyncio.sleep(0.1)
     assert not failures
+
+
+@virtual
+async def test_handshakes_of_displaced_connections_leave_no_tls(pair: Pair, tmp_path: Path) -> None:
+    """A stranger who opens thousands of connections a second could fill the memory."""
+    async with serving(tmp_path, tls_cert=pair.cert, tls_key=pair.key) as server:
+        server.admission.newcomers = Newcomers(1, 100, lambda peer: "one address")
+        opened = [await asyncio.open_connection("127.0.0.1", server.port) for _ in range(20)]
+        await asyncio.sleep(0.1)
+        for _, writer in opened:  # All arrive in the same turn of the event loop.
+            writer.write(slow_hello()[:100])
+        await asyncio.sleep(0.1)
+        gc.collect()
+        kept = [one for one in gc.get_objects() if isinstance(one, asyncio.sslproto.SSLProtocol)]
+        assert len(kept) <= 1
+        for _, writer in opened:
+            writer.transport.abort()
 
 
 @virtual

@@ -76,6 +76,9 @@ async def start_metered_tls(
     Raises:
         OSError: The handshake failed, or took too long.
     """
+    # asyncio would connect TLS to a lost transport, and nothing would ever end it.
+    if client.raw.is_closing():
+        raise ConnectionAbortedError("the connection was aborted before the handshake")
     encrypted = await asyncio.get_running_loop().start_tls(
         RecordMeter(client.raw, budget, received=client.first, group=client.group),
         protocol,
