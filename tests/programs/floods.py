@@ -60,6 +60,7 @@ FLAGS = (
     "--mode", "realtime", "--step-rate", "20", "--max-steps", "1000000", "--log-level", "error",
     "--task", "multi_agent/01",
 )  # fmt: skip
+HERE, EVERYWHERE = "127.0.0.1", "0.0.0.0"
 MAX_GAP = 0.150
 MAX_GROWTH = 32 * 1024 * 1024
 BLOB = 256 * 1024
@@ -115,9 +116,10 @@ class Flood:
     `rooms` is the number of other episodes on the server. With `page`, each connection requests
     this page again and again; with `operator`, from the operator port. With `loads`, so many loads
     of the browser client begin each second. With `records`, the server uses TLS with an RSA key,
-    and the connections send records of this kind. With `broker`, the flood comes from an MQTT
-    broker of this kind, during the whole measurement. With `cluster`, the connections flood another
-    node of the server's cluster, on a real NATS.
+    and the connections send records of this kind; with `remote`, to another address of this
+    machine, so that they are limited as those of strangers. With `broker`, the flood comes from an
+    MQTT broker of this kind, during the whole measurement. With `cluster`, the connections flood
+    another node of the server's cluster, on a real NATS.
     `max_growth` is the limit for the server's memory.
     """
 
@@ -139,6 +141,7 @@ class Flood:
     loads: int = 0
     operator: bool = False
     records: Kind | None = None
+    remote: bool = False
     broker: BrokerFlood | None = None
     cluster: bool = False
     elsewhere: bool = False
@@ -263,6 +266,12 @@ FLOODS = {
     ),
     "groups": Flood(
         "TLS handshakes with slow groups, from 30 connections", records="groups", connections=30
+    ),
+    "displaced": Flood(
+        "TLS handshakes from one remote address, above its limit",
+        records="displaced",
+        remote=True,
+        connections=320,
     ),
     "broker": Flood("packets of an MQTT broker in shifted TLS records", broker="packets"),
     "broker-keys": Flood("changes of keys by an MQTT broker", broker="keys"),
@@ -398,7 +407,8 @@ def attack(name: str, port: int, code: str) -> None:
         if flood.watched
         else None
     )
-    records = RecordFlood(port, flood.connections, flood.records) if flood.records else None
+    host = _remote_address() if flood.remote else HERE
+    records = RecordFlood(host, port, flood.connections, flood.records) if flood.records else None
     delayed = DelayFlood(port, flood.connections) if flood.delayed else None
     texts = TextFlood(port, flood.texts, flood.connections) if flood.texts else None
     print(READY, end="", flush=True)
@@ -501,6 +511,8 @@ def measure(name: str, runs: int, seconds: float, *, descriptors: int = 0) -> Re
             flags += ("--cluster", stack.enter_context(nats_cluster(Path(folder), 1)).url(0))
         operator = _free_port()
         flags += ("--operator-port", str(operator))
+        if FLOODS[name].remote:
+            flags += ("--host", EVERYWHERE)
         with server_process(Path(folder), *FLAGS, *flags) as server:
             process = psutil.Process(server.process.pid)
             game = HonestGame(server, FLOODS[name].rooms, tls)
@@ -533,6 +545,19 @@ def _other_node(folder: Path, flags: tuple[str, ...]) -> Iterator[ServerProcess]
 def _free_port() -> int:
     with socket.create_server(("127.0.0.1", 0)) as free:
         return int(free.getsockname()[1])
+
+
+def _remote_address() -> str:
+    """Return an address of this machine that others can reach, or an empty string."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as route, suppress(OSError):
+        route.connect(("192.0.2.1", 9))  # This sends nothing.
+        own = str(route.getsockname()[0])
+        return "" if ipaddress.ip_address(own).is_loopback else own
+    return ""
+
+
+def _is_possible(flood: Flood) -> bool:
+    return not (flood.cluster and missing()) and not (flood.remote and not _remote_address())
 
 
 def _limit_descriptors(soft: int) -> None:
@@ -646,7 +671,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if given.attack:
         name, port, code = given.attack
         attack(name, int(port), code)
-    possible = [name for name, flood in FLOODS.items() if not (flood.cluster and missing())]
+    possible = [name for name, flood in FLOODS.items() if _is_possible(flood)]
     results = list(_rows(given.floods or possible, given.runs, given.seconds))
     return 0 if all(result.withstood for result in results) else 1
 

@@ -2,7 +2,8 @@
 
 A record of 23 bytes can contain one byte, or a request to change the keys (RFC 8446, section
 4.6.3). The server spends a decryption on it, as on a record of 16 KiB, or an answer with new keys.
-A handshake costs the server a signature, which takes milliseconds with an RSA key.
+A handshake costs the server a signature, which takes milliseconds with an RSA key. Above the limit
+for an address, each handshake that begins ends another one.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from tests.support.fuzzing.wire import TEXT, frame, request
 
 __all__ = ["Kind", "RecordFlood"]
 
-Kind = Literal["bytes", "keys", "handshakes", "groups"]
+Kind = Literal["bytes", "keys", "handshakes", "groups", "displaced"]
 AT_FIRST, AT_ONCE = 6_000, 2_000
 """Records that a connection prepares before the flood, and later for each write."""
 CHUNK = 256 * 1024
@@ -34,11 +35,11 @@ MESSAGE = b" " * 60_000
 class _Connection:
     """Encrypted connection that sends what a subclass prepares."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, host: str, port: int) -> None:
         self._received, self._encrypted = ssl.MemoryBIO(), ssl.MemoryBIO()
         self.context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
         self.context.check_hostname, self.context.verify_mode = False, ssl.CERT_NONE
-        self._address = ("127.0.0.1", port)
+        self._address = (host, port)
         self.open()
 
     def open(self) -> None:
@@ -157,19 +158,30 @@ class _SlowGroup(_Handshake):
         return slow_hello()
 
 
-KINDS: dict[Kind, Callable[[int], _Connection]] = {
+class _Displaced(_Handshake):
+    """Stranger that begins handshakes, and ends none before another one takes its place."""
+
+    def push(self) -> bool:
+        """Begin again, whether the server has answered or not."""
+        self.socket.close()
+        self.open()
+        return True
+
+
+KINDS: dict[Kind, Callable[[str, int], _Connection]] = {
     "bytes": _Bytes,
     "keys": _Keys,
     "handshakes": _Handshake,
     "groups": _SlowGroup,
+    "displaced": _Displaced,
 }
 
 
 class RecordFlood:
     """Connections that are prepared at once, and flood the server in `run`."""
 
-    def __init__(self, port: int, connections: int, kind: Kind) -> None:
-        self._open = [KINDS[kind](port) for _ in range(connections)]
+    def __init__(self, host: str, port: int, connections: int, kind: Kind) -> None:
+        self._open = [KINDS[kind](host, port) for _ in range(connections)]
 
     def run(self) -> None:
         """Send until the process is killed."""
