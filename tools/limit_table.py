@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from robotouille.domain.json_files import MAX_NESTING
 from robotouille.domain.pictures import MAX_OUTLINES, MAX_PICTURE_BYTES, MAX_SHAPES, MAX_SIDE
 from robotouille.episode import quota, rules, submissions
-from robotouille.episode.clocks import MAX_STEPS_AT_ONCE
+from robotouille.episode.clocks import MAX_CATCH_UP, MAX_LATE_AT_ONCE, MAX_STEPS_AT_ONCE
 from robotouille.protocol import codec, messages
 from robotouille.replay import container, payloads
 from robotouille.web import recording_data, recording_page
@@ -197,6 +197,9 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               "The remaining frames wait."),
         Limit("Steps taken for one action, without the wall clock", f"{MAX_STEPS_AT_ONCE}",
               "The remaining steps wait for a turn among the connections."),
+        Limit("Late steps taken at once, in real time", f"{MAX_LATE_AT_ONCE}",
+              "The remaining steps wait for a turn among the connections. After "
+              f"{MAX_CATCH_UP} late steps, the others are skipped."),
         Limit("Frames of one connection handled before the others",
               f"{connection.FRAMES_AT_A_TIME}, or "
               f"{connection.SECONDS_AT_A_TIME * 1000:g} ms of them", "The remaining frames wait."),

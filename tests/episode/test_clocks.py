@@ -9,6 +9,7 @@ import pytest
 from robotouille.episode import ActionRejected, ActionRequest, Clock, Rules
 from robotouille.episode.clocks import (
     MAX_CATCH_UP,
+    MAX_LATE_AT_ONCE,
     MAX_STEPS_AT_ONCE,
     DeclaredClock,
     LockstepClock,
@@ -36,6 +37,25 @@ def test_long_runs_of_steps_continue_at_the_next_tick() -> None:
     game.running = False
     assert not list(clock.on_tick(5.0, game))
     assert not clock.behind
+
+
+def test_late_steps_in_real_time_continue_at_the_next_tick() -> None:
+    clock, game = RealTimeClock(Rules(clock=Clock.REALTIME, step_rate=10)), Decided()
+    clock.start(0.0)
+    taken: list[float] = []
+    for _ in range(MAX_CATCH_UP // MAX_LATE_AT_ONCE):
+        assert not taken or clock.behind
+        taken += clock.on_tick(100.0, game)
+    assert taken == pytest.approx([step / 10 for step in range(1, MAX_CATCH_UP + 1)])
+    assert (clock.due(), clock.behind) == (pytest.approx(100.1), False)
+
+
+def test_pause_ends_the_backlog_of_real_time() -> None:
+    clock, game = RealTimeClock(Rules(clock=Clock.REALTIME, step_rate=10)), Decided()
+    clock.start(0.0)
+    assert len(list(clock.on_tick(0.55, game))) == MAX_LATE_AT_ONCE
+    clock.resume(7.0)
+    assert (clock.due(), clock.behind) == (pytest.approx(7.1), False)
 
 
 def test_only_declared_thinking_delays_an_action() -> None:

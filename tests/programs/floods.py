@@ -232,6 +232,11 @@ FLOODS = {
     "rematch-sight": Flood(
         "texts of limited sight in the rematches of one game", texts="rematches", connections=1
     ),
+    "fast-sight": Flood(
+        "actions and limited sight at 60 steps a second, in the rematches of one game",
+        texts="fast",
+        connections=1,
+    ),
     "metrics": Flood("reads of the metrics, from 60 connections", page="/metrics", connections=60),
     "operator": Flood(
         "searches of the operator page, from 60 connections",

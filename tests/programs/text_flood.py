@@ -2,13 +2,15 @@
 
 With `declared`, each action has the longest thinking time, so that the steps of the whole game are
 due at once. With `rematches`, sight is limited, and players open rematches of rematches of one game
-as long as the server allows it.
+as long as the server allows it. With `fast`, these rematches take sixty steps a second, and each
+seat has a player of its own who acts and asks for snapshots.
 """
 
 from __future__ import annotations
 
 import select
 import socket
+import time
 from contextlib import suppress
 from typing import Literal
 
@@ -16,7 +18,7 @@ from tests.programs.flood_client import CHUNK, connect, message, read_until, tex
 
 __all__ = ["TextFlood", "TextFloodKind"]
 
-TextFloodKind = Literal["declared", "rematches"]
+TextFloodKind = Literal["declared", "rematches", "fast"]
 
 ELSEWHERE = "X-Forwarded-For: 203.0.113.9\r\n"
 """Header of a proxy, so that the server treats the connection as a player's, not a host's."""
@@ -34,6 +36,8 @@ SIGHT = {
     "sight": 2,
     "sight_blocked": True,
 }
+FAST = {**SIGHT, "task": "shifts/06_rush_hour", "step_rate": 60, "sight": 4}
+ACT_SECONDS, ACTS_PER_SNAPSHOT = 0.03, 4
 
 
 def _code_of_new_game(port: int, rules: dict[str, object]) -> str:
@@ -97,11 +101,48 @@ class _Reader:
             self._connection.recv(CHUNK)
 
 
-def _rematches(port: int) -> list[_Reader]:
-    """Return the players of all rematches that the server allows of one game."""
-    code = _code_of_new_game(port, SIGHT)
-    ended = [(code, _leave_at_once(port, code))]
+class _Actor(_Reader):
+    """Player of one seat who acts, with some misspelt actions, and asks for snapshots."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        super().__init__(connection)
+        self._seq, self._next_at = 0, 0.0
+
+    def push(self) -> None:
+        super().push()
+        if time.monotonic() < self._next_at:
+            return
+        self._next_at = time.monotonic() + ACT_SECONDS
+        self._seq += 1
+        name = f"Move robot{self._seq % SEATS + 1} from table1 to table{self._seq % 3 + 1}"
+        data = message(type="act", seq=self._seq, action=name)
+        if self._seq % ACTS_PER_SNAPSHOT == 0:
+            data += message(type="resync")
+        with suppress(BlockingIOError):
+            self._connection.send(data)
+
+
+def _readers(port: int, code: str) -> list[_Reader]:
+    player = connect(port, "eve", ELSEWHERE)
+    _join(player, code)
+    return [_Reader(player)]
+
+
+def _actors(port: int, code: str) -> list[_Reader]:
     players: list[_Reader] = []
+    for number in range(SEATS):
+        player = connect(port, f"eve {number}", ELSEWHERE)
+        player.sendall(message(type="join", episode=code, view="both", partial=True))
+        read_until(player, b'"joined"')
+        players.append(_Actor(player))
+    return players
+
+
+def _rematches(port: int, rules: dict[str, object]) -> list[str]:
+    """Return the codes of all rematches that the server allows of one game."""
+    code = _code_of_new_game(port, rules)
+    ended = [(code, _leave_at_once(port, code))]
+    codes: list[str] = []
     for number in range(ROUNDS + 1):
         for code, asker in list(ended):
             # The second request is always refused, the first one only at the server's limit.
@@ -113,10 +154,8 @@ def _rematches(port: int) -> list[_Reader]:
             if number < ROUNDS:
                 ended.append((again, _leave_at_once(port, again)))
             else:
-                player = connect(port, "eve", ELSEWHERE)
-                _join(player, again)
-                players.append(_Reader(player))
-    return players
+                codes.append(again)
+    return codes
 
 
 def _leave_at_once(port: int, code: str) -> socket.socket:
@@ -132,16 +171,17 @@ class TextFlood:
     """Games whose players read the text of all seats."""
 
     def __init__(self, port: int, kind: TextFloodKind, games: int) -> None:
+        self._players: list[_DeclaredPlayer] | list[_Reader]
         if kind == "declared":
-            self._players: list[_DeclaredPlayer] | list[_Reader] = [
-                _DeclaredPlayer(port) for _ in range(games)
-            ]
-        else:
-            self._players = [player for _ in range(games) for player in _rematches(port)]
+            self._players = [_DeclaredPlayer(port) for _ in range(games)]
+            return
+        rules, players = (FAST, _actors) if kind == "fast" else (SIGHT, _readers)
+        codes = [code for _ in range(games) for code in _rematches(port, rules)]
+        self._players = [player for code in codes for player in players(port, code)]
 
     def run(self) -> None:
         """Flood the server until the process is killed."""
         while True:
-            select.select(self._players, [], [])
+            select.select(self._players, [], [], ACT_SECONDS)
             for player in self._players:
                 player.push()

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 from websockets.asyncio.client import connect as open_socket
 
+from robotouille.episode.clocks import MAX_CATCH_UP, MAX_LATE_AT_ONCE
 from robotouille_server.rooms.room import Room
 from robotouille_server.runtime.timer_queue import RUN_SECONDS, Rounds, TimerQueue
 from tests.support.servers import Raw, raw, serving
@@ -70,6 +72,23 @@ async def test_real_time_does_not_catch_up_after_suspension(tmp_path: Path) -> N
         assert episode.step - before in (1, 2)
         await asyncio.sleep(2)
         assert episode.step - before in (11, 12)
+
+
+@virtual
+async def test_late_steps_in_real_time_give_way_to_others(tmp_path: Path) -> None:
+    """With limited sight, ten steps at once delayed the steps of all other episodes by 200 ms."""
+    async with serving(tmp_path) as server, raw(server) as ada, raw(server) as bob:
+        code, _ = await begin(ada, bob, clock="realtime", step_rate=60)
+        episode = server.lobby.find(code).episode
+        await asyncio.sleep(1.0)
+        steps_taken = [episode.step]
+        stand_still(1.0)
+        while steps_taken[-1] < steps_taken[0] + MAX_CATCH_UP:
+            await asyncio.sleep(0)
+            steps_taken.append(episode.step)
+        assert max(after - before for before, after in pairwise(steps_taken)) <= MAX_LATE_AT_ONCE
+        await asyncio.sleep(1.0)
+        assert episode.step - steps_taken[-1] in (59, 60, 61)
 
 
 @virtual

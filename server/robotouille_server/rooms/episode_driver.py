@@ -191,8 +191,8 @@ class EpisodeDriver:
         # An action or a pause may have come first; `_flush` has then set the timer.
         if not self._open or not self._episode.behind:
             return
-        before = self._episode.step
-        self._on_time(self.now())
+        before, due = self._episode.step, self._episode.due()
+        self._on_time(self.now() if due is None else due)
         self._loop_budget.spend((self._episode.step - before) * STEP_COST)
 
     def _on_time(self, due: float) -> None:
@@ -209,7 +209,7 @@ class EpisodeDriver:
             # The maximum is needed, because a timer of the event loop may fire a little before
             # `due`.
             try:
-                episode.tick(max(now, due))
+                episode.tick_briefly(max(now, due))
             except TooHardError as error:
                 self._give_up(error, now)
             self._flush(now)

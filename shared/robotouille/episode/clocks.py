@@ -13,8 +13,11 @@ from typing import Protocol
 from robotouille.episode.rules import Clock, Rules
 
 MAX_CATCH_UP = 10
-"""Steps that a late real-time episode takes at once. The rest is skipped: a server that was
-suspended for a minute must not play that minute in one burst."""
+"""Late steps that a real-time episode takes. The rest is skipped: a server that was suspended for a
+minute must not play that minute in one burst."""
+MAX_LATE_AT_ONCE = 2
+"""Late steps that a real-time episode takes for one tick. With limited sight, ten steps of four
+players delayed the steps of all other episodes by 200 ms."""
 MAX_STEPS_AT_ONCE = 10
 """Steps taken for one request. Long runs of steps in which nobody can act would otherwise keep
 other episodes from their turn; the rest follows at the next ticks. A declared thinking time may
@@ -45,7 +48,7 @@ class StepClock(Protocol):
 
     @property
     def behind(self) -> bool:
-        """True if the last request or tick left decided steps for the next tick."""
+        """True if the last request or tick left due steps for the next tick."""
         ...
 
     def start(self, now: float) -> None:
@@ -167,19 +170,20 @@ class RealTimeClock:
     """Clock with one step in each period. A step takes the decisions made until then."""
 
     scheduled = True
-    behind = False
 
     def __init__(self, rules: Rules) -> None:
         # The period never changes, because the header of the recording contains the rules.
         self._period = rules.period
         self._next_step = 0.0
+        self._caught_up = 0
+        self.behind = False
 
     def start(self, now: float) -> None:
         self._next_step = now + self._period
 
     def resume(self, now: float) -> None:
         # Give players a whole period to look at the kitchen before its first step.
-        self._next_step = max(self._next_step, now + self._period)
+        self._skip_to(now + self._period)
 
     def start_move(self, now: float) -> None:
         pass
@@ -200,16 +204,23 @@ class RealTimeClock:
         return ()
 
     def on_tick(self, now: float, game: ClockedEpisode) -> Iterable[float]:
-        taken = 0
-        while game.running and now >= self._next_step:
+        for _ in range(MAX_LATE_AT_ONCE):
+            if not game.running or now < self._next_step:
+                break
             # The scheduled time and not `now`: held requests and recorded times are then the same
             # if the server's tick came late.
             yield self._next_step
             self._next_step += self._period
-            taken += 1
-            # `max` only ever moves the next step into the future, so the loop ends after this step.
-            if taken >= MAX_CATCH_UP:
-                self._next_step = max(self._next_step, now + self._period)
+            self._caught_up += 1
+        self.behind = now >= self._next_step
+        if not self.behind:
+            self._caught_up = 0
+        elif self._caught_up >= MAX_CATCH_UP:
+            self._skip_to(now + self._period)
+
+    def _skip_to(self, at: float) -> None:
+        self._next_step = max(self._next_step, at)
+        self._caught_up, self.behind = 0, False
 
 
 def clock_for(rules: Rules, players: Sequence[str]) -> StepClock:

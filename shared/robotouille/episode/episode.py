@@ -679,11 +679,20 @@ class Episode:
 
     @property
     def behind(self) -> bool:
-        """True if decided steps are left for `tick`, which takes a limited number at once."""
+        """True if due steps are left for `tick`, which takes a limited number at once."""
         return self.record.running and self.record.clock.behind
 
     def tick(self, now: float) -> None:
         """Let time pass: take due steps, end expired pauses and free the seats of lost players."""
+        self.tick_briefly(now)
+        while self.record.clock.scheduled and self.behind:
+            self.tick_briefly(now)
+
+    def tick_briefly(self, now: float) -> None:
+        """Let time pass as `tick` does, but take at most `MAX_LATE_AT_ONCE` late steps.
+
+        The rest follows when it is called again, while the episode is `behind`.
+        """
         record = self.record
         if self.pauses.until or not self._presence.complete:
             self._end_expired_pauses(now)
@@ -700,7 +709,8 @@ class Episode:
             for at in record.clock.on_tick(now, record):
                 self._release_held(at)
                 self._take_step(at, now - at)
-        self._release_held(now)
+        if not (scheduled and self.behind):
+            self._release_held(now)
 
     # Requests are released one at a time: a decision may complete a step, and then the next held
     # request is evaluated in another state.
