@@ -104,6 +104,11 @@ class HttpPages:
 
     def answer(self, connection: Connection, request: Request) -> Response | None:
         """Answer a request; return None to go on with the WebSocket handshake."""
+        # Before version 17, the library has no methods: it closes the connection if it is not GET.
+        if getattr(request, "method", "GET") != "GET":
+            refusal = connection.respond(HTTPStatus.METHOD_NOT_ALLOWED, "only GET is answered\n")
+            refusal.headers["Allow"] = "GET"
+            return refusal
         path = request.path.partition("?")[0]
         # This comes before the check for a full server, which is healthy: a restart would end its
         # episodes.
@@ -121,9 +126,9 @@ class HttpPages:
             return self._page(connection, path, request)
         if self._web is not None and self._own.has_page(request.headers):
             return None
-        refusal = origin_refusal(request.headers, self._origins)
-        if refusal is not None:
-            return connection.respond(HTTPStatus.FORBIDDEN, refusal)
+        problem = origin_refusal(request.headers, self._origins)
+        if problem is not None:
+            return connection.respond(HTTPStatus.FORBIDDEN, problem)
         return None
 
     def _page(self, connection: Connection, path: str, request: Request) -> Response:

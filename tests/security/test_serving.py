@@ -288,9 +288,18 @@ async def test_metrics_are_for_this_machine_only(tmp_path: Path) -> None:
         assert "403" in (await fetch(server, "/metrics", "X-Forwarded-For: 127.0.0.1"))
 
 
-async def fetch(server: Server, path: str, *headers: str) -> str:
+@pytest.mark.parametrize("path", ["/healthz", "/readyz", "/metrics", "/play"])
+@virtual
+async def test_only_get_is_answered(tmp_path: Path, path: str) -> None:
+    async with serving(tmp_path) as server:
+        for method in ("POST", "PUT", "DELETE", "HEAD"):
+            answer = await fetch(server, path, method=method)
+            assert answer.startswith("HTTP/1.1 405 ") and "Allow: GET" in answer
+
+
+async def fetch(server: Server, path: str, *headers: str, method: str = "GET") -> str:
     reader, writer = await asyncio.open_connection("127.0.0.1", server.port)
-    lines = [f"GET {path} HTTP/1.1", "Host: 127.0.0.1", "Connection: close", *headers, "", ""]
+    lines = [f"{method} {path} HTTP/1.1", "Host: 127.0.0.1", "Connection: close", *headers, "", ""]
     writer.write("\r\n".join(lines).encode())
     answer = await reader.read()
     writer.close()
