@@ -63,6 +63,33 @@ def test_lease_is_certain_only_since_the_last_gap() -> None:
     assert view.members.certain_since == begun
 
 
+def rounds_until_lapsed(view: View, name: str, *, key: bool) -> int:
+    """Count the rounds without a report, in which the node's key is there or not."""
+    rounds = 0
+    while not view.members.lapsed(name):
+        view.rounds(1)
+        for late in () if key else view.members.lapsing():
+            view.members.missing(late)
+        rounds += 1
+    return rounds
+
+
+def test_deleted_report_gives_a_node_the_lease_once_more() -> None:
+    """With the bucket, reports that this node would have heard may be gone."""
+    view = View()
+    view.rounds(2, report("b"))
+    usual = rounds_until_lapsed(view, "b", key=True)
+    view.rounds(1)
+    view.members.missing("b")
+    assert view.members.lapsed("b"), "the key of a node that is gone expires"
+    view.rounds(2, report("b"))
+    later = rounds_until_lapsed(view, "b", key=False)
+    assert usual * RENEW_SECONDS + LEASE_SECONDS - RENEW_SECONDS <= later * RENEW_SECONDS
+    assert later * RENEW_SECONDS <= usual * RENEW_SECONDS + LEASE_SECONDS + RENEW_SECONDS
+    view.rounds(2, report("b"))
+    assert rounds_until_lapsed(view, "b", key=False) == later
+
+
 def test_silent_node_lapses_after_the_lease_and_comes_back_when_heard() -> None:
     view = View()
     view.rounds(5, report("b"), report("c"))

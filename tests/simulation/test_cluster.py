@@ -176,6 +176,11 @@ def miss_deleted_buckets(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(SimulatedBus, "intact", intact)
 
 
+def take_deleted_reports_for_silence(patch: pytest.MonkeyPatch) -> None:
+    """Claim the episodes of nodes whose reports were deleted with their bucket."""
+    patch.setattr(Members, "missing", lambda members, name: None)
+
+
 FAULTS = [
     Fault(ignore_conflicts, (2, 49), "recorded"),
     Fault(claim_at_once, (2, 0), "which is alive"),
@@ -186,6 +191,7 @@ FAULTS = [
     Fault(trust_the_directory, (59, 154), "has it"),
     Fault(restate_nothing, (1, 10), "or another content"),
     Fault(miss_deleted_buckets, (10, 16), "not filled again"),
+    Fault(take_deleted_reports_for_silence, (75882031,), "which is alive"),
 ]
 
 

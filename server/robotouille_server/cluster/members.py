@@ -60,13 +60,21 @@ class NodeReport(BaseModel):
 
 @dataclass(slots=True)
 class _Member:
-    """Another node. `heard` is True after a report since this node's last renewal."""
+    """Another node.
+
+    Attributes:
+        heard: True after a report since this node's last renewal.
+        missed: True if its key was missing once in this silence.
+        gone: True if it had lapsed before this node's last renewal.
+    """
 
     report: NodeReport | None = None
     beat: int = 0
     silent: float = 0.0
     heard: bool = False
     left: bool = False
+    missed: bool = False
+    gone: bool = False
 
     @property
     def lapsed(self) -> bool:
@@ -120,6 +128,7 @@ class Members:
         # this process was stopped, everybody was silent.
         counts = passed < LEASE_SECONDS
         for member in self._others.values():
+            member.gone = member.lapsed
             if member.heard or not counts:
                 member.silent = 0.0
             elif not member.silent:
@@ -133,6 +142,17 @@ class Members:
     def lapsing(self) -> list[str]:
         """Return the nodes whose reports are late or missing, except those that have left."""
         return [n for n, m in self._others.items() if m.silent >= LATE_SECONDS and not m.left]
+
+    def missing(self, name: str) -> None:
+        """Note that the key of a silent node is missing, though it has not expired yet.
+
+        An operator has deleted the bucket, perhaps with reports that this node would have heard. So
+        the other node gets the whole time again, but only once.
+        """
+        member = self._others.get(name)
+        if member is None or member.report is None or member.missed or member.gone:
+            return
+        member.missed, member.silent = True, 0.0
 
     def lease_age(self, now: float) -> float:
         """Return the seconds since this node's report was last stored."""

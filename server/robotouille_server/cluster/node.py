@@ -426,6 +426,8 @@ class ClusterNode:
         for name in self.members.lapsing():
             if (entry := await self.bus.get(Bucket.NODES, name)) is not None:
                 self._node_changed(name, entry)
+            else:
+                self.members.missing(name)
         self._parts.metrics.nodes = len(self.members.alive())
 
     async def _tidy(self) -> None:
