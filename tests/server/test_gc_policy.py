@@ -11,7 +11,11 @@ from typing import Any
 
 import pytest
 
+from websockets.server import ServerProtocol
+
 from robotouille_server.runtime.process_limits import CLOSED_AT_LEAST, NEW, rare_collections
+from tests.programs.flood_client import SUBPROTOCOL
+from tests.support.fuzzing.wire import PING, TEXT, frame, request
 from tests.support.metrics import dropped
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run, virtual
@@ -104,6 +108,48 @@ def test_refused_message_leaves_no_garbage(tmp_path: Path, message: dict[str, An
 
     try:
         assert run(main()) < 100
+    finally:
+        gc.enable()
+
+
+def library_parts() -> int:
+    return sum(isinstance(one, ServerProtocol) for one in gc.get_objects())
+
+
+LONG = frame(b"x" * 60_000, TEXT)
+
+
+@pytest.mark.usefixtures("only_new_garbage")
+@pytest.mark.parametrize(
+    "sent",
+    [
+        request(SUBPROTOCOL),
+        request(SUBPROTOCOL) + LONG,
+        request(SUBPROTOCOL) + frame(b"", TEXT, fin=False) + LONG,
+        request(SUBPROTOCOL) + frame(b"", PING, masked=False),
+        b"GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n",
+        b"nonsense\r\n\r\n",
+    ],
+    ids=["nothing", "long", "fragment", "unmasked", "page", "nonsense"],
+)
+def test_closed_connection_leaves_no_garbage(tmp_path: Path, sent: bytes) -> None:
+    """Frames that are too long once stayed in memory until a collection."""
+
+    async def main() -> int:
+        async with serving(tmp_path) as server:
+            gc.collect()
+            gc.disable()
+            before = library_parts()
+            for _ in range(10):
+                _, writer = await asyncio.open_connection("127.0.0.1", server.port)
+                writer.write(sent)
+                await asyncio.sleep(1)
+                writer.transport.abort()
+                await asyncio.sleep(1)
+            return library_parts() - before
+
+    try:
+        assert run(main()) == 0
     finally:
         gc.enable()
 

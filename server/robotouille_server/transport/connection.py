@@ -51,6 +51,8 @@ MAX_OWN = 2 * MAX_CLIENT_BYTES
 MAX_GREETING = 2 * MAX_HELLO_BYTES
 """Maximum size of a frame before `welcome`. Strangers may have many connections, and the server
 buffers a frame until it is complete."""
+MAX_HEAD = 14
+"""Bytes of a frame before its payload, with the longest length and a mask."""
 MAX_REQUEST = 16 * 1024
 """Maximum size of the HTTP request, and of data that arrives during a TLS handshake."""
 REQUEST_COST = 4.0
@@ -227,7 +229,8 @@ class Connection(BufferedReader):
         finally:
             # Without its references, the connection is freed at once. Otherwise clients that come
             # and go would leave garbage whose collection delays steps.
-            self.receiver = self._kept_library = None
+            self.receiver = None
+            self._drop_library()
             # Each `admit` needs exactly one `release`. Otherwise, the server would refuse clients
             # after some time.
             self._admission.release()
@@ -401,7 +404,7 @@ class Connection(BufferedReader):
     def _open(self, library: ServerProtocol, request: Request) -> None:
         self.subprotocol = library.subprotocol
         self._send_from_library()
-        self._kept_library = None
+        self._drop_library()
         self._admission.newcomers.leave(self)
         self.open = True
         self._set_timer(PING_SECONDS, self._send_ping)
@@ -458,8 +461,8 @@ class Connection(BufferedReader):
                     self.give_way()
         except FrameError:
             # Errors are left to the library, which sends the status that RFC 6455 requires for each
-            # of them.
-            self._pass_to_library(reader.rest)
+            # of them. All are found in the head of the frame.
+            self._pass_to_library(reader.rest[:MAX_HEAD])
             reader.clear()
 
     def _take_frame(self, frame: FrameReader) -> None:
@@ -514,7 +517,14 @@ class Connection(BufferedReader):
                 self._take_part(event)
         self._send_from_library()
         if self.open and not self._parts:
-            self._kept_library = None
+            self._drop_library()
+
+    def _drop_library(self) -> None:
+        """Forget the library's part, which may contain all bytes that were passed to it."""
+        library, self._kept_library = self._kept_library, None
+        if library is not None:
+            # Its parser, errors and methods refer to it, so only a garbage collection would free it.
+            vars(library).clear()
 
     # Messages
 
