@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
 from websockets.server import ServerProtocol
 
 from robotouille_server.runtime.process_limits import CLOSED_AT_LEAST, NEW, rare_collections

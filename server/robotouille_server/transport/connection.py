@@ -523,7 +523,7 @@ class Connection(BufferedReader):
         """Forget the library's part, which may contain all bytes that were passed to it."""
         library, self._kept_library = self._kept_library, None
         if library is not None:
-            # Its parser, errors and methods refer to it, so only a garbage collection would free it.
+            # Its parser and methods refer to it, so only a garbage collection would free it.
             vars(library).clear()
 
     # Messages
