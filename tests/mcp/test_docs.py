@@ -12,22 +12,22 @@ import pytest
 
 from robotouille.web.bounded_requests import MAX_HEAD_BYTES, MAX_HEAD_LINES
 from robotouille_client.mcp_server import server as mcp
-from robotouille_client.mcp_server.http import (
+from robotouille_client.mcp_server.limits import (
     MAX_BODY_BYTES,
+    MAX_BODY_VALUES,
+    MAX_CALLS_OF_GAME,
     MAX_CONNECTIONS,
     MAX_CONNECTIONS_OF_ADDRESS,
-)
-from robotouille_client.mcp_server.open_game import MAX_LINES
-from robotouille_client.mcp_server.open_games import MAX_GAMES_OF_ONE
-from robotouille_client.mcp_server.results import GameView
-from robotouille_client.mcp_server.sessions import (
-    CHECKS_AT_ONCE,
-    MAX_ACCEPTED,
-    MAX_CALLS_OF_TOKEN,
+    MAX_GAMES_OF_TOKEN,
+    MAX_REQUESTS_OF_TOKEN,
     MAX_SESSIONS,
     MAX_SESSIONS_OF_ADDRESS,
     MAX_SESSIONS_OF_TOKEN,
+    MAX_VISITS_OF_TOKEN,
 )
+from robotouille_client.mcp_server.open_game import MAX_LINES
+from robotouille_client.mcp_server.results import GameView
+from robotouille_client.mcp_server.sessions import CHECKS_AT_ONCE, MAX_ACCEPTED
 from robotouille_client.mcp_server.tools import TOOLS
 from robotouille_server import Server
 from tests.support.mcp_agent import COMMAND, agent
@@ -62,11 +62,17 @@ ADDRESS = "address (IPv6: /64 network; not on loopback)"
 
 def test_documented_limits_match_the_code() -> None:
     rows = {row[0]: row[1] for row in table(PAGE, "MCP limits")}
-    assert rows["open games with one token"] == str(MAX_GAMES_OF_ONE)
+    assert rows["open games with one token"] == str(MAX_GAMES_OF_TOKEN)
     assert rows["request body (HTTP)"] == f"{MAX_BODY_BYTES // 1024} KiB"
     assert rows["sessions, in MCP versions with a handshake (HTTP)"] == str(MAX_SESSIONS)
+    values = "values in a request body (HTTP); each list or object counts as one more"
+    assert rows[values] == f"{MAX_BODY_VALUES:,}"
+    called = "calls of one game in progress, also those whose client has closed its connection"
+    assert rows[called] == str(MAX_CALLS_OF_GAME)
+    visits = "calls of one token that wait for the game server, to join or for one request"
+    assert rows[visits] == str(MAX_VISITS_OF_TOKEN)
     assert rows["sessions with one token"] == str(MAX_SESSIONS_OF_TOKEN)
-    assert rows["calls of one token in progress (HTTP)"] == str(MAX_CALLS_OF_TOKEN)
+    assert rows["calls of one token in progress (HTTP)"] == str(MAX_REQUESTS_OF_TOKEN)
     assert rows[f"sessions from one {ADDRESS}"] == str(MAX_SESSIONS_OF_ADDRESS)
     checked = (
         "tokens that the game server checks at the same time, new and accepted ones each (HTTP)"

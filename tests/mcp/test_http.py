@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 from pathlib import Path
 
 import pytest
@@ -53,6 +54,27 @@ async def test_incomplete_requests_are_cut_off(
     received = await answered(sent)
     assert received.startswith(answer)
     assert bool(received) == bool(answer)
+
+
+async def test_burst_of_connections_leaves_turns_to_others() -> None:
+    games = OpenGames("ws://127.0.0.1:9")
+    app = http_app(mcp_server(lambda: games), games, idle_seconds=600)
+    with listening_socket("127.0.0.1", 0) as listening:
+        service = HttpService(app, games)
+        serving_http = asyncio.create_task(service.serve(sockets=[listening]))
+        while not service.started:
+            await asyncio.sleep(0)
+        count, turns = 20 * http.ACCEPTED_AT_ONCE, 0
+        # All of them connect, before the service has accepted the first one.
+        burst = [socket.create_connection(listening.getsockname(), 5) for _ in range(count)]
+        while len(service.server_state.connections) < count:
+            await asyncio.sleep(0)
+            turns += 1
+        assert turns >= 20
+        for one in burst:
+            one.close()
+        service.should_exit = True
+        await serving_http
 
 
 CHUNKED = HEAD.partition(b"content")[0] + b"transfer-encoding: chunked\r\n\r\n" + b"1\r\na\r\n" * 9

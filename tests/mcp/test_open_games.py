@@ -8,13 +8,19 @@ import pytest
 
 from robotouille.errors import RobotouilleError
 from robotouille_client import connect
-from robotouille_client.mcp_server.open_games import MAX_GAMES_OF_ONE, Caller, OpenGames
+from robotouille_client.errors import ConnectionFailedError
+from robotouille_client.mcp_server.limits import (
+    MAX_CALLS_OF_GAME,
+    MAX_GAMES_OF_TOKEN,
+    MAX_VISITS_OF_TOKEN,
+)
+from robotouille_client.mcp_server.open_games import Caller, OpenGames
 from robotouille_server import Server
 from robotouille_server.auth.roles import Role
 from tests.support.handshakes import mint_token
-from tests.support.mcp_agent import agent
+from tests.support.mcp_agent import agent, words
 from tests.support.servers import serving
-from tests.support.virtual_time import opening
+from tests.support.virtual_time import opening, virtual
 
 TEAM = "multi_agent/01"
 
@@ -34,14 +40,14 @@ async def test_handle_works_only_for_its_owner(server: Server) -> None:
         async with games.visit(ada) as client:
             code = (await client.create(TEAM)).code
         opened = await games.join(ada, code, None, "player")
-        with games.using(ada, opened.handle) as found:
+        async with games.using(ada, opened.handle) as found:
             assert found is opened
         for stranger in (nobody, Caller("other", "ada", alone=False)):
             with pytest.raises(RobotouilleError, match="no game with this handle"):
-                with games.using(stranger, opened.handle):
+                async with games.using(stranger, opened.handle):
                     pass
         with pytest.raises(RobotouilleError, match="name the game"):
-            with games.using(ada, None):
+            async with games.using(ada, None):
                 pass
         assert bob.token != ada.token
 
@@ -133,11 +139,11 @@ async def test_number_of_games_per_token_is_limited(server: Server) -> None:
         ada = Caller(mint_token(server, Role.HOST), "ada", alone=False)
         async with games.visit(ada) as client:
             code = (await client.create(TEAM)).code
-        for _ in range(MAX_GAMES_OF_ONE):
+        for _ in range(MAX_GAMES_OF_TOKEN):
             await games.join(ada, code, None, "spectator")
         with pytest.raises(RobotouilleError, match="leave one"):
             await games.join(ada, code, None, "spectator")
-        assert len(games) == MAX_GAMES_OF_ONE
+        assert len(games) == MAX_GAMES_OF_TOKEN
         await games.close_all()
         await games.join(ada, code, None, "spectator")
 
@@ -169,3 +175,52 @@ async def test_cancelled_call_changes_nothing(server: Server) -> None:
         assert (await ada.call("observe"))["seat"] == "robot1"
         await asyncio.sleep(201)
         assert await free_seats(server.url) == ["robot1", "robot2"]
+
+
+@opening(serving)
+async def test_newer_calls_replace_the_oldest_one(server: Server) -> None:
+    """The calls of a client that closes its connection go on, and would use up the memory."""
+    async with agent(server.url) as ada:
+        code = await ada.opened(TEAM)
+        await ada.call("join", episode=code)
+        await ada.call("observe")
+        waits = [
+            asyncio.create_task(ada.client.call_tool("wait", {"timeout_seconds": 60}))
+            for _ in range(MAX_CALLS_OF_GAME + 2)
+        ]
+        await asyncio.sleep(1)
+        replaced = [words(wait.result()) for wait in waits if wait.done()]
+        assert len(replaced) == 2
+        assert all(f"at most {MAX_CALLS_OF_GAME} calls" in said for said in replaced)
+        async with connect(server.url, name="bob") as bob:
+            await bob.join(code)
+            await asyncio.wait(waits)
+        answers = [wait.result().structured_content for wait in waits]
+        happened = [line for answer in answers if answer for line in answer["happened"]]
+        assert any("bob" in line for line in happened)
+
+
+@virtual
+async def test_calls_of_one_token_that_wait_for_the_game_server_are_limited() -> None:
+    async def silent(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read()
+        writer.close()
+
+    async def visit(caller: Caller) -> None:
+        async with games.visit(caller):
+            pass
+
+    async with await asyncio.start_server(silent, "127.0.0.1", 0) as slow:
+        games = OpenGames(f"ws://127.0.0.1:{slow.sockets[0].getsockname()[1]}")
+        ada, bob = Caller("ada", alone=False), Caller("bob", alone=False)
+        calls = [asyncio.create_task(visit(ada)) for _ in range(MAX_VISITS_OF_TOKEN)]
+        await asyncio.sleep(0.1)
+        for call in (visit(ada), games.join(ada, TEAM, None, "player")):
+            with pytest.raises(RobotouilleError, match="wait for the game server"):
+                await call
+        bobs = asyncio.create_task(visit(bob))
+        await asyncio.sleep(0.1)
+        assert not bobs.done()
+        assert {str(e) for e in await asyncio.gather(*calls, bobs, return_exceptions=True)}
+        with pytest.raises(ConnectionFailedError):
+            await visit(ada)

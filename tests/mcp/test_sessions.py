@@ -15,6 +15,7 @@ import pytest
 from robotouille_client.client import Client
 from robotouille_client.mcp_server import http, sessions
 from robotouille_client.mcp_server.http import PATH, HttpService, http_app, listening_socket
+from robotouille_client.mcp_server.limits import MAX_BODY_VALUES
 from robotouille_client.mcp_server.open_games import Caller, OpenGames
 from robotouille_client.mcp_server.server import mcp_server
 from robotouille_server import Server
@@ -280,7 +281,7 @@ async def test_token_at_its_own_limit_displaces_no_neighbour(
 async def test_one_token_cannot_use_up_the_connections_of_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sessions, "MAX_CALLS_OF_TOKEN", 2)
+    monkeypatch.setattr(sessions, "MAX_REQUESTS_OF_TOKEN", 2)
     async with service(tmp_path) as mcp:
         ada, eve = mcp.token("ada"), mcp.token("eve")
         session, other = await mcp.opened(ada), await mcp.opened(eve)
@@ -383,6 +384,38 @@ async def test_silent_connections_give_way(tmp_path: Path, monkeypatch: pytest.M
         assert await silent[0][0].read() == b""
         for _, writer in silent:
             writer.close()
+
+
+async def test_connections_of_an_address_displace_no_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(http, "MAX_CONNECTIONS_OF_ADDRESS", 2)
+    groups = iter(["neighbour", *["crowd"] * 4])
+    async with service(tmp_path) as mcp:
+        monkeypatch.setattr(http, "address_group", lambda address: next(groups))
+        address = httpx.URL(mcp.url)
+        opened = [await asyncio.open_connection(address.host, address.port) for _ in range(5)]
+        for reader, _ in opened[1:3]:
+            assert await reader.read() == b""
+        await asyncio.sleep(0)
+        assert not any(reader.at_eof() for reader, _ in (opened[0], *opened[3:]))
+        for _, writer in opened:
+            writer.close()
+
+
+async def test_requests_with_too_many_values_are_refused(tmp_path: Path) -> None:
+    async with service(tmp_path) as mcp:
+        ada = mcp.token("ada")
+        session = await mcp.opened(ada)
+        values = [0] * MAX_BODY_VALUES
+        shapes: list[object] = [values, {"x": values}, [[]] * MAX_BODY_VALUES]
+        for many in shapes:
+            answer = await mcp.send({**PING, "params": {"_meta": {"x": many}}}, ada, session)
+            assert answer.status_code == 400
+            assert "more than 2,000 values" in answer.json()["error"]["message"]
+        text = 'many "marks", \\' + "[{," * MAX_BODY_VALUES
+        answer = await mcp.send({**PING, "params": {"_meta": {"x": text}}}, ada, session)
+        assert answer.status_code == 200
 
 
 @pytest.mark.parametrize(

@@ -5,25 +5,30 @@ from __future__ import annotations
 import asyncio
 import socket
 import time
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, cast
 
 import h11
 import uvicorn
 from mcp.server.transport_security import TransportSecuritySettings
+from mcp.types import INVALID_REQUEST
 from starlette.datastructures import Headers
-from starlette.responses import PlainTextResponse
+from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from robotouille.web.bounded_requests import BoundedRequests
-from robotouille_client.mcp_server.open_games import bearer
-from robotouille_client.mcp_server.sessions import (
+from robotouille_client.mcp_server.limits import (
+    MAX_BODY_BYTES,
+    MAX_BODY_VALUES,
+    MAX_CONNECTIONS,
+    MAX_CONNECTIONS_OF_ADDRESS,
     MAX_SESSIONS,
-    SessionKeeper,
-    address_group,
-    invalid_token,
+    REQUEST_SECONDS,
 )
+from robotouille_client.mcp_server.open_games import bearer
+from robotouille_client.mcp_server.sessions import SessionKeeper, address_group, invalid_token
 
 if TYPE_CHECKING:
     from mcp.server.mcpserver import MCPServer
@@ -31,11 +36,10 @@ if TYPE_CHECKING:
     from robotouille_client.mcp_server.open_games import OpenGames
 
 PATH = "/mcp"
-MAX_BODY_BYTES = 65_536
-MAX_CONNECTIONS = 512
-MAX_CONNECTIONS_OF_ADDRESS = 64
-REQUEST_SECONDS = 10.0
-"""Time limit for the head of a request, and for its body."""
+ACCEPTED_AT_ONCE = 8
+"""Connections accepted in a row, before existing connections get a turn."""
+WAITING_TO_BE_ACCEPTED = 1024
+"""Connections that the operating system queues."""
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 
@@ -109,6 +113,9 @@ class _WholeRequests:
         if len(body) > MAX_BODY_BYTES:
             await PlainTextResponse("Request body too large", 413)(scope, receive, send)
             return
+        if _values(body) > MAX_BODY_VALUES:
+            await _too_many_values()(scope, receive, send)
+            return
         whole: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
 
         async def again() -> Message:
@@ -128,6 +135,24 @@ async def _body(receive: Receive) -> bytes | None:
         if not message.get("more_body", False):
             break
     return bytes(body)
+
+
+def _values(body: bytes) -> int:
+    """Return the number of values in a JSON text, or up to twice as many."""
+    # Texts may contain any number of the marks below. Without a zero byte, the text is UTF-8, and
+    # each quotation mark begins or ends a text unless there is a backslash before it.
+    if b"\0" not in body:
+        body = body.replace(rb"\\", b"").replace(rb"\"", b"")
+        body = b"".join(body.split(b'"')[::2])
+    return sum(map(body.count, (b",", b"[", b"{")))
+
+
+def _too_many_values() -> Response:
+    error = {
+        "code": INVALID_REQUEST,
+        "message": f"the request has more than {MAX_BODY_VALUES:,} values",
+    }
+    return JSONResponse({"jsonrpc": "2.0", "id": None, "error": error}, status_code=400)
 
 
 class _TokenRequired:
@@ -151,55 +176,89 @@ def listening_socket(host: str, port: int) -> socket.socket:
         OSError: The address cannot be used.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    return socket.create_server((host, port), family=family, backlog=128)
+    return socket.create_server((host, port), family=family, backlog=WAITING_TO_BE_ACCEPTED)
+
+
+class _OpenConnections:
+    """Open connections, the oldest first, all together and by what their address counts as.
+
+    Hundreds of silent connections would otherwise block all other clients. At a limit, a new
+    connection therefore replaces the one that has been silent for the longest time.
+    """
+
+    def __init__(self) -> None:
+        self._all: dict[_Impatient, None] = {}
+        self._groups: dict[str, dict[_Impatient, None]] = {}
+
+    def add(self, new: _Impatient) -> None:
+        """Add a connection. Above a limit, close the longest silent one, or the new one."""
+        group = self._groups.setdefault(new.group, {})
+        limit = MAX_CONNECTIONS_OF_ADDRESS if new.group else MAX_CONNECTIONS
+        group[new] = self._all[new] = None
+        for connections, most in ((group, limit), (self._all, MAX_CONNECTIONS)):
+            if len(connections) > most:
+                silent = (c for c in connections if c.is_silent and c is not new)
+                self._close(_oldest(silent) or new)
+
+    def remove(self, gone: _Impatient) -> None:
+        """Remove a connection, if it is still there."""
+        self._all.pop(gone, None)
+        if group := self._groups.get(gone.group):
+            group.pop(gone, None)
+            if not group:
+                del self._groups[gone.group]
+
+    def _close(self, connection: _Impatient) -> None:
+        self.remove(connection)
+        connection.transport.abort()
+
+
+def _oldest(silent: Iterator[_Impatient]) -> _Impatient | None:
+    """Return the first connection that has never sent a request, or else the first one."""
+    first = next(silent, None)
+    if first is None or first.cycle is None:
+        return first
+    return next((c for c in silent if c.cycle is None), first)
 
 
 class _Impatient(H11Protocol):
     """HTTP connection that is closed if its client does not send a whole request in time.
 
-    Hundreds of silent connections would otherwise block all other clients. At the limit, a new
-    connection therefore replaces the one that has been silent for the longest time.
+    Attributes:
+        group: The address of the client, or its network; empty on this machine.
     """
 
+    group = ""
     _check: asyncio.TimerHandle
     _awaited: object = None
-    _since = 0.0
-    _group = ""
+
+    def __init__(self, open_connections: _OpenConnections, **given: Any) -> None:
+        super().__init__(**given)
+        self._open = open_connections
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
         self.conn = BoundedRequests()
-        self._group = address_group(self.client[0] if self.client else "")
-        self._since = self.loop.time()
+        self.group = address_group(self.client[0] if self.client else "")
         self._awaited = self._waits_for()
         self._check_later()
-        others = [c for c in self.connections if isinstance(c, _Impatient) and c.is_open]
-        self._replace_one([c for c in others if c._group == self._group], self._address_limit)
-        self._replace_one([c for c in others if c.is_open], MAX_CONNECTIONS)
+        self._open.add(self)
 
     @property
-    def is_open(self) -> bool:
-        """False once the connection is being closed."""
-        return not self.transport.is_closing()
-
-    @property
-    def _address_limit(self) -> int:
-        return MAX_CONNECTIONS_OF_ADDRESS if self._group else MAX_CONNECTIONS
-
-    def _replace_one(self, connections: list[_Impatient], limit: int) -> None:
-        """Close the longest silent connection, or this one, if there are too many."""
-        if len(connections) > limit:
-            silent = [c for c in connections if c._waits_for() is not None and c is not self]
-            # Connections that have never sent a request come first.
-            oldest = min(silent, key=lambda c: (c.cycle is not None, c._since), default=self)
-            oldest.transport.abort()
+    def is_silent(self) -> bool:
+        """True unless a request is being answered."""
+        return self._waits_for() is not None
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._check.cancel()
+        self._open.remove(self)
         super().connection_lost(exc)
 
     def _waits_for(self) -> object:
-        # The request whose head or body is missing, or None while a request is being answered.
+        # The request whose head or body is missing, the client that must read the last answer, or
+        # None while a request is being answered.
+        if self.transport.is_closing():
+            return "the end"
         state = self.conn.their_state
         return (self.cycle, state) if state in (h11.IDLE, h11.SEND_BODY) else None
 
@@ -221,7 +280,8 @@ class HttpService(uvicorn.Server):
         super().__init__(
             uvicorn.Config(
                 app,
-                http=_Impatient,
+                http=cast("Any", partial(_Impatient, _OpenConnections())),
+                backlog=ACCEPTED_AT_ONCE,
                 log_level="error",  # Strangers can cause warnings at will.
                 access_log=False,
                 server_header=False,
@@ -231,6 +291,13 @@ class HttpService(uvicorn.Server):
             )
         )
         self._games = games
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Listen on the sockets."""
+        await super().startup(sockets)
+        for listening in sockets or ():
+            # asyncio uses one number both for the queue and for the connections accepted in a row.
+            listening.listen(WAITING_TO_BE_ACCEPTED)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Leave all games and stop."""

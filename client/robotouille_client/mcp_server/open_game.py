@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,6 +15,7 @@ from robotouille.protocol import messages
 from robotouille.terminal import quoted
 from robotouille_client.client import Client
 from robotouille_client.game import ActDetails, Game
+from robotouille_client.mcp_server.limits import MAX_CALLS_OF_GAME
 from robotouille_client.mcp_server.results import (
     MAX_LINE,
     ActionOutcome,
@@ -186,6 +188,7 @@ class OpenGame:
         handle: Name of the game in tool calls.
         owner: The only caller who may use the handle.
         mcp_session: The MCP session in which the game was joined, if there is one.
+        last_used: Time of the end of the last call.
     """
 
     def __init__(
@@ -195,8 +198,8 @@ class OpenGame:
         self.owner = owner
         self.mcp_session = mcp_session
         self.game = game
-        self.calls = 0
         self.last_used = 0.0
+        self._calls: dict[asyncio.Timeout, None] = {}
         self._lost_at = 0.0
         self._client = client
         self._log = GameLog(game)
@@ -205,6 +208,41 @@ class OpenGame:
         self._asked: tuple[str, asyncio.Future[ActResult]] | None = None
 
     # Calls
+
+    @property
+    def calls(self) -> int:
+        """The number of calls in progress."""
+        return len(self._calls)
+
+    @asynccontextmanager
+    async def call(self) -> AsyncIterator[None]:
+        """Count a call, above the limit in place of the oldest one.
+
+        The calls of a client that closes its connection go on, so they must not use up the limit.
+
+        Raises:
+            RobotouilleError: Newer calls have replaced this one.
+        """
+        now = asyncio.get_running_loop().time
+        if len(self._calls) >= MAX_CALLS_OF_GAME:
+            oldest = next(iter(self._calls))
+            del self._calls[oldest]
+            oldest.reschedule(now())
+        call = asyncio.timeout(None)
+        try:
+            async with call:
+                self._calls[call] = None
+                yield
+        except TimeoutError:
+            if not call.expired():
+                raise
+            raise RobotouilleError(
+                "newer calls have replaced this one: make at most "
+                f"{MAX_CALLS_OF_GAME} calls of a game at the same time"
+            ) from None
+        finally:
+            self._calls.pop(call, None)
+            self.last_used = now()
 
     async def act(
         self, action: str, reasoning: str | None, timeout: float, max_age: int | None = None

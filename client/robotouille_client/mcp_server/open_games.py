@@ -16,10 +16,9 @@ from mcp.server.mcpserver import Context
 
 from robotouille.errors import RobotouilleError
 from robotouille_client.client import Client, connect
+from robotouille_client.mcp_server.limits import MAX_GAMES_OF_TOKEN, MAX_VISITS_OF_TOKEN
 from robotouille_client.mcp_server.open_game import OpenGame
 
-MAX_GAMES_OF_ONE = 16
-"""Maximum number of open games for one token."""
 LOOK_SECONDS = 5.0
 """Seconds between two checks for games that nobody uses."""
 LOST_SECONDS = 60.0
@@ -45,6 +44,23 @@ class Caller:
     def owner(self) -> str:
         """Key of the token. Callers with the same token, or without one, are the same owner."""
         return hashlib.sha256(self.token.encode()).hexdigest() if self.token else ""
+
+
+@contextmanager
+def counted(counts: Counter[str], owner: str) -> Iterator[None]:
+    """Count one more for an owner within the context."""
+    counts[owner] += 1
+    try:
+        yield
+    finally:
+        _uncount(counts, owner)
+
+
+def _uncount(counts: Counter[str], owner: str) -> None:
+    counts[owner] -= 1
+    # Anybody can make up tokens, so owners with a count of zero must not accumulate.
+    if not counts[owner]:
+        del counts[owner]
 
 
 class OpenGames:
@@ -74,17 +90,33 @@ class OpenGames:
         self._idle_seconds = idle_seconds
         self._games: dict[str, OpenGame] = {}
         self._places: Counter[str] = Counter()
+        self._visits: Counter[str] = Counter()
 
     def __len__(self) -> int:
         return len(self._games)
 
     @asynccontextmanager
     async def visit(self, caller: Caller) -> AsyncIterator[Client]:
-        """Connect to the game server for one request."""
-        async with connect(
-            self.url, name=caller.name, kind="model", token=caller.token, reconnect=False
-        ) as client:
-            yield client
+        """Connect to the game server for one request.
+
+        Raises:
+            RobotouilleError: The caller makes too many requests, or the game server refuses.
+        """
+        with self._visit(caller):
+            async with connect(
+                self.url, name=caller.name, kind="model", token=caller.token, reconnect=False
+            ) as client:
+                yield client
+
+    @contextmanager
+    def _visit(self, caller: Caller) -> Iterator[None]:
+        # A client may abandon its calls, which go on.
+        if caller.token and self._visits[caller.owner] >= MAX_VISITS_OF_TOKEN:
+            raise RobotouilleError(
+                f"{MAX_VISITS_OF_TOKEN} of your calls wait for the game server; call again later"
+            )
+        with counted(self._visits, caller.owner):
+            yield
 
     async def join(
         self, caller: Caller, episode: str, seat: str | None, role: Literal["player", "spectator"]
@@ -96,16 +128,17 @@ class OpenGames:
             ValueError: The message does not allow one of the arguments.
         """
         self._check_places(caller)
-        # Only a token that the game server has accepted may take a place.
-        client = await Client(
-            self.url, name=caller.name, kind="model", token=caller.token
-        ).__aenter__()
-        try:
-            with self._place(caller):
-                game = await client.join(episode, seat=seat, role=role, partial=True)
-        except BaseException:
-            await client.close()
-            raise
+        with self._visit(caller):
+            # Only a token that the game server has accepted may take a place.
+            client = await Client(
+                self.url, name=caller.name, kind="model", token=caller.token
+            ).__aenter__()
+            try:
+                with self._place(caller):
+                    game = await client.join(episode, seat=seat, role=role, partial=True)
+            except BaseException:
+                await client.close()
+                raise
         handle = f"game-{secrets.token_urlsafe(12)}"
         opened = OpenGame(handle, caller.owner, client, game, caller.mcp_session)
         opened.last_used = asyncio.get_running_loop().time()
@@ -119,8 +152,8 @@ class OpenGames:
     def _check_places(self, caller: Caller) -> None:
         if self._places.total() >= self._max_games:
             raise RobotouilleError(f"this program already plays {self._max_games} games")
-        if caller.token and self._places[caller.owner] >= MAX_GAMES_OF_ONE:
-            raise RobotouilleError(f"you already have {MAX_GAMES_OF_ONE} open games; leave one")
+        if caller.token and self._places[caller.owner] >= MAX_GAMES_OF_TOKEN:
+            raise RobotouilleError(f"you already have {MAX_GAMES_OF_TOKEN} open games; leave one")
 
     @contextmanager
     def _place(self, caller: Caller) -> Iterator[None]:
@@ -130,29 +163,19 @@ class OpenGames:
         try:
             yield
         except BaseException:
-            self._free_place(caller.owner)
+            _uncount(self._places, caller.owner)
             raise
 
-    def _free_place(self, owner: str) -> None:
-        self._places[owner] -= 1
-        # Anybody can make up tokens, so owners without games must not accumulate.
-        if not self._places[owner]:
-            del self._places[owner]
-
-    @contextmanager
-    def using(self, caller: Caller, handle: str | None) -> Iterator[OpenGame]:
+    @asynccontextmanager
+    async def using(self, caller: Caller, handle: str | None) -> AsyncIterator[OpenGame]:
         """Open a caller's game for one call. It does not count as idle during the call.
 
         Raises:
-            RobotouilleError: The caller has no such game.
+            RobotouilleError: The caller has no such game, or newer calls have replaced this one.
         """
         opened = self._find(caller, handle)
-        opened.calls += 1
-        try:
+        async with opened.call():
             yield opened
-        finally:
-            opened.calls -= 1
-            opened.last_used = asyncio.get_running_loop().time()
 
     def _find(self, caller: Caller, handle: str | None) -> OpenGame:
         if handle is None:
@@ -178,7 +201,7 @@ class OpenGames:
     async def close(self, opened: OpenGame) -> None:
         """Leave a game and forget its handle."""
         if self._games.pop(opened.handle, None) is not None:
-            self._free_place(opened.owner)
+            _uncount(self._places, opened.owner)
             await opened.close()
 
     def sessions(self) -> set[str | None]:

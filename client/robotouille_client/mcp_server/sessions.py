@@ -20,17 +20,17 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol.error_codes import ErrorCode
-from robotouille_client.mcp_server.open_games import SESSION_HEADER, Caller, bearer
+from robotouille_client.mcp_server.limits import (
+    MAX_REQUESTS_OF_TOKEN,
+    MAX_SESSIONS,
+    MAX_SESSIONS_OF_ADDRESS,
+    MAX_SESSIONS_OF_TOKEN,
+)
+from robotouille_client.mcp_server.open_games import SESSION_HEADER, Caller, bearer, counted
 
 if TYPE_CHECKING:
     from robotouille_client.mcp_server.open_games import OpenGames
 
-MAX_SESSIONS = 256
-MAX_SESSIONS_OF_TOKEN = 32
-MAX_SESSIONS_OF_ADDRESS = 64
-MAX_CALLS_OF_TOKEN = 64
-"""Requests of a token in progress. Calls of the tool `wait` take a minute each and would otherwise
-use up the connections of all."""
 CHECKS_AT_ONCE = 8
 """Tokens of newcomers that the game server checks at the same time, and accepted tokens. Strangers
 with made-up tokens can therefore not delay the requests of others."""
@@ -117,17 +117,12 @@ class SessionKeeper:
             return
         headers = Headers(scope=scope)
         caller = Caller(bearer(headers.get("authorization")), alone=False)
-        if caller.token and self._calls[caller.owner] >= MAX_CALLS_OF_TOKEN:
-            refusal = _unavailable(f"{MAX_CALLS_OF_TOKEN} calls of this token are in progress")
+        if caller.token and self._calls[caller.owner] >= MAX_REQUESTS_OF_TOKEN:
+            refusal = _unavailable(f"{MAX_REQUESTS_OF_TOKEN} calls of this token are in progress")
             await refusal(scope, receive, send)
             return
-        self._calls[caller.owner] += 1
-        try:
+        with counted(self._calls, caller.owner):
             await self._serve(caller, headers, (scope, receive, send))
-        finally:
-            self._calls[caller.owner] -= 1
-            if not self._calls[caller.owner]:
-                del self._calls[caller.owner]
 
     async def _serve(
         self, caller: Caller, headers: Headers, request: tuple[Scope, Receive, Send]

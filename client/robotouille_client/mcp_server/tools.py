@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
 from typing import Annotated, Any, Literal, TypeAlias
 
 from mcp.server.mcpserver import Context
@@ -11,7 +12,7 @@ from mcp.types import CallToolResult, TextContent
 from pydantic import BaseModel, Field
 
 from robotouille.world.text import MAX_SENTENCE
-from robotouille_client.mcp_server.open_game import Until
+from robotouille_client.mcp_server.open_game import OpenGame, Until
 from robotouille_client.mcp_server.open_games import OpenGames, caller_of
 from robotouille_client.mcp_server.results import (
     EpisodeList,
@@ -135,13 +136,13 @@ async def join(
 
 async def observe(ctx: Ctx, game: Handle = None) -> Annotated[CallToolResult, GameView]:
     """Show the kitchen now, and the events since your last call."""
-    with explained(), _games(ctx).using(caller_of(ctx), game) as opened:
+    async with _called(ctx, game) as opened:
         return _seen(opened.view(whole=True))
 
 
 async def list_actions(ctx: Ctx, game: Handle = None) -> Annotated[CallToolResult, ValidActions]:
     """List your valid actions now."""
-    with explained(), _games(ctx).using(caller_of(ctx), game) as opened:
+    async with _called(ctx, game) as opened:
         row = opened.valid_actions()
         return _result(row, "\n".join(row.actions) or "You cannot act now; call wait.")
 
@@ -176,7 +177,7 @@ async def act(
 
     An action that still waits for other players is `pending`: call wait for its result.
     """
-    with explained(), _games(ctx).using(caller_of(ctx), game) as opened:
+    async with _called(ctx, game) as opened:
         if opened.game.phase == "waiting" and opened.game.seat is not None:
             raise ToolError("The game has not begun: it waits for other players. Call wait.")
         if opened.game.ended:
@@ -194,7 +195,7 @@ async def wait(
     game: Handle = None,
 ) -> Annotated[CallToolResult, GameView]:
     """Wait for an event or for your move, and return the events since your last call."""
-    with explained(), _games(ctx).using(caller_of(ctx), game) as opened:
+    async with _called(ctx, game) as opened:
         return _seen(await opened.wait(until, timeout_seconds))
 
 
@@ -206,7 +207,7 @@ async def say(
     game: Handle = None,
 ) -> Annotated[CallToolResult, SentChat]:
     """Send a chat message to all participants."""
-    with explained(), _games(ctx).using(caller_of(ctx), game) as opened:
+    async with _called(ctx, game) as opened:
         if opened.game.ended:
             raise ToolError("The episode has ended, so nobody would read it. Call leave.")
         if not await opened.say(text):
@@ -219,9 +220,8 @@ async def say(
 
 async def leave(ctx: Ctx, game: Handle = None) -> Annotated[CallToolResult, LeftEpisode]:
     """Leave the episode and free your seat."""
-    games = _games(ctx)
-    with explained(), games.using(caller_of(ctx), game) as opened:
-        await games.close(opened)
+    async with _called(ctx, game) as opened:
+        await _games(ctx).close(opened)
         return _result(LeftEpisode(episode=opened.game.code), "You have left.")
 
 
@@ -240,6 +240,14 @@ TOOLS = (
 
 def _games(ctx: Ctx) -> OpenGames:
     return ctx.request_context.lifespan_context
+
+
+@asynccontextmanager
+async def _called(ctx: Ctx, game: str | None) -> AsyncIterator[OpenGame]:
+    """Open the caller's game for one call."""
+    with explained():
+        async with _games(ctx).using(caller_of(ctx), game) as opened:
+            yield opened
 
 
 def _seen(view: GameView) -> CallToolResult:
