@@ -105,6 +105,7 @@ class Cook:
     def __init__(self, world: World, player: str, agenda: Agenda | None = None) -> None:
         self._player = player
         self._counts_on_others = agenda is None
+        self._in_shift = world.shift is not None
         self._agenda = agenda or _common_agenda(world)
         self._topic: Hashable = None
         self._script: Script | None = None
@@ -154,7 +155,9 @@ class Cook:
         return Script(self._player, Plan(()), state)
 
     def _search(self, anytime: AnytimePlanner, start: State, team: tuple[str, ...]) -> Plan:
-        search = anytime.search(start, HURRIED, team=team, beam=BRIEF, choices=6)
+        # Behind a counter, most dishes need both players; a long search finds that out, too.
+        brief = self._in_shift
+        search = anytime.search(start, HURRIED, team=team, beam=BRIEF, choices=6, brief=brief)
         return next(search).plan or Plan(())
 
 

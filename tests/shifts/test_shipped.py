@@ -11,7 +11,11 @@ from robotouille.certification.stars import score_limits
 from robotouille.domain.schema import Arrivals
 from robotouille.domain.task import Task
 from robotouille.planning.policies.shift_policy import play_shift
-from robotouille.planning.policies.standing import standing_at
+from robotouille.planning.policies.standing import (
+    is_out_of_the_way,
+    seat_out_of_the_way,
+    standing_at,
+)
 from tests.support.samples import quick_sample
 from tests.support.team_games import play_team
 
@@ -33,6 +37,14 @@ def test_there_are_six_for_one_to_four_seats() -> None:
 def test_every_player_can_begin(name: str, seats: int) -> None:
     state = World(load_task(name, seats=seats)).initial
     assert all(standing_at(state, player) for player in state.world.players)
+
+
+@pytest.mark.parametrize(
+    "name", ["01_sandwich_bar", "02_burger_stand", "03_one_stove", "05_clean_plates"]
+)
+def test_person_who_stands_still_is_in_nobodys_way(name: str) -> None:
+    state = World(load_task(f"shifts/{name}", seats=2)).initial
+    assert is_out_of_the_way(state, seat_out_of_the_way(state))
 
 
 def begun(name: str, seats: int) -> Task:
