@@ -346,7 +346,7 @@ def test_an_empty_pot_advises_to_fill_it() -> None:
 
 def test_a_tip_says_what_an_empty_station_is_for() -> None:
     world = World("shifts/01@1")
-    at_hatch = world.initial.step("Move robot1 from crate2 to hatch1").state
+    at_hatch = world.initial.step("Move robot1 from table1 to hatch1").state
     view = View(world, at_hatch, me="robot1")
     told = tips_about(Controls(world), view, "hatch1")
     assert told == ("The hatch", "Build dishes here; a complete dish is served")

@@ -207,7 +207,8 @@ def test_place_words_are_replaced_one_by_one() -> None:
 
 def test_an_object_is_taken_from_the_station_with_others_like_it() -> None:
     world = World(load_task("shifts/01_sandwich_bar", seats=1))
-    words, state = Wording(world, language_of(world.task)), world.initial
+    words = Wording(world, language_of(world.task))
+    state = world.initial.step("Move robot1 from table1 to crate2").state
     (take,) = (each for each in state.actions(world.players[0]) if each.name == "unstack")
     assert words.action(take, state) == "take the cheese from the crate"
 
