@@ -46,15 +46,22 @@ class LyingBroker:
     """Broker that works until the server is online, and then sends `lie`, and `more` without end.
 
     Without `more`, it continues to work. `sent` counts the bytes of each connection after the lie,
-    and `packets` are those that it received.
+    and `packets` are those that it received. `granted` is its answer to the subscription.
     """
 
-    def __init__(self, lie: bytes, more: bytes = b"", tls: ssl.SSLContext | None = None) -> None:
+    def __init__(
+        self,
+        lie: bytes,
+        more: bytes = b"",
+        tls: ssl.SSLContext | None = None,
+        granted: int = 1,
+    ) -> None:
         self.lie = lie
         self.more = more
         self.sent: list[int] = []
         self.packets: list[tuple[int, bytes]] = []
         self._tls = tls
+        self._granted = granted
 
     @asynccontextmanager
     async def listening(self) -> AsyncIterator[str]:
@@ -69,7 +76,7 @@ class LyingBroker:
             await received(reader)
             writer.write(CONNACK)
             _, subscribe = await received(reader)
-            writer.write(packet(0x90, subscribe[:2] + b"\0\1"))
+            writer.write(packet(0x90, subscribe[:2] + bytes([0, self._granted])))
             self._acknowledge(writer, *await received(reader))
             writer.write(self.lie)
             self.sent.append(0)

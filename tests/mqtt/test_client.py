@@ -16,6 +16,7 @@ import trustme
 from paho.mqtt.client import Client as Paho
 from paho.mqtt.client import MQTTMessage
 from paho.mqtt.properties import Properties
+from structlog.testing import capture_logs
 
 from robotouille.protocol.messages import Create
 from robotouille_server import Server
@@ -199,6 +200,18 @@ async def test_commands_above_the_rate_are_acknowledged_and_dropped(
             await asyncio.sleep(0.1)
         assert server.metrics.mqtt_dropped_commands == 80
     assert len(broker.sent) == 1
+
+
+@virtual
+async def test_refused_subscription_is_logged_with_its_topic(tmp_path: Path) -> None:
+    broker = LyingBroker(b"", granted=0x87)
+    with capture_logs() as logs:
+        async with broker.listening() as url, connected(tmp_path, url):
+            while not broker.sent:
+                await asyncio.sleep(0.1)
+    (error,) = [log for log in logs if "refuses the subscription" in log["event"]]
+    assert error["topic"] == "robotouille/v1/lab/commands"
+    assert error["reason"] == "Not authorized"
 
 
 @virtual

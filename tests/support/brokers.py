@@ -104,10 +104,11 @@ class FakeClient:
         self._broker = broker
         self._subscribed = False
 
-    async def subscribe(self, topic: str, options: SubscribeOptions) -> None:
+    async def subscribe(self, topic: str, options: SubscribeOptions) -> tuple[int]:
         assert (topic, options.QoS) == ("robotouille/v1/lab/commands", 1)
         assert options.retainHandling == SubscribeOptions.RETAIN_DO_NOT_SEND
         self._subscribed = True
+        return (1,)
 
     async def publish(
         self, topic: str, payload: bytes, qos: int, retain: bool = False, properties: Any = None

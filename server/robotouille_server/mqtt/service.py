@@ -17,6 +17,7 @@ from functools import partial
 import aiomqtt
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from robotouille.installation import VERSION
@@ -162,7 +163,7 @@ class BrokerService:
 
     async def _use(self, client: aiomqtt.Client) -> None:
         if self._owns_name:
-            await client.subscribe(self._topics.commands, options=_subscribe_options())
+            await self._subscribe(client)
             await self._publish_presence(client, self._presence)
         self._metrics.mqtt_connected = True
         get_logger().info("broker connected")
@@ -183,6 +184,17 @@ class BrokerService:
                 await self._send_steps(client)
                 if self._owns_name:
                     await self._publish_presence(client, Presence(state="stopped"))
+
+    async def _subscribe(self, client: aiomqtt.Client) -> None:
+        topic = self._topics.commands
+        for granted in await client.subscribe(topic, options=_subscribe_options()):
+            if isinstance(granted, ReasonCode) and granted.is_failure:
+                get_logger().error(
+                    "the broker refuses the subscription, so no command arrives; check its access "
+                    "control list",
+                    topic=topic,
+                    reason=str(granted),
+                )
 
     async def _publish_presence(self, client: aiomqtt.Client, presence: Presence) -> None:
         await client.publish(self._topics.presence, encode(presence), qos=1, retain=True)
