@@ -164,6 +164,19 @@ class TestVersions:
                 assert [len(node.rooms) for node in nodes] == [0, 0, 4]
 
 
+@virtual
+async def test_forged_reports_put_few_printable_names_into_the_log(tmp_path: Path) -> None:
+    """Whoever may write to NATS may report nodes of any number and name."""
+    async with cluster_of(tmp_path) as nodes:
+        for i in (1, 2):
+            change(nodes, i, release="9.9", url=f"ws://evil:{i}/\x1b[31m\n" + "x" * 5000)
+        with capture_logs() as logs:
+            await asyncio.sleep(2)
+    lines = errors(logs, "run another version")
+    assert any("evil:1" in line for line in lines)
+    assert all(line.isprintable() and len(line) < 1000 for line in lines)
+
+
 def change(nodes: Nodes, i: int, **changes: Any) -> None:
     """Change what a node reports of itself."""
     members = nodes[i].cluster.node.members

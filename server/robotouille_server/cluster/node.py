@@ -16,6 +16,7 @@ from robotouille.episode import Event
 from robotouille.errors import RobotouilleError
 from robotouille.protocol import messages
 from robotouille.replay.recorder import Recorder
+from robotouille.terminal import printable
 from robotouille_server.cluster.bus import (
     Bucket,
     Bus,
@@ -47,6 +48,8 @@ from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import ClusterMetrics
 from robotouille_server.runtime.task_folder import TaskFolder
 
+MAX_NAMED, MAX_URL = 8, 200
+"""Nodes that a line of the log names, and characters of each address."""
 LOOK_SECONDS = 0.1
 """Seconds between two looks at the writes under way."""
 RETRY_SECONDS = 0.25
@@ -466,7 +469,10 @@ class ClusterNode:
             own = getattr(members.own, fact)
             others = sorted(r.url for r in members.alive() if getattr(r, fact) != own)
             if others and others != self._different.get(fact):
-                get_logger().error(event, nodes=", ".join(others))
+                more = f" and {len(others) - MAX_NAMED} more" if len(others) > MAX_NAMED else ""
+                # Anyone who can write to NATS can report any nodes.
+                named = printable(", ".join(url[:MAX_URL] for url in others[:MAX_NAMED]))
+                get_logger().error(event, nodes=named + more)
             self._different[fact] = others
 
     async def _look(self) -> None:
