@@ -254,7 +254,9 @@ def _described(subject: str, data: bytes) -> _Object | None:
     # The subject decides which description replaces which, so each file has one subject.
     if subject.rpartition(".")[2].rstrip("=") != _base64(name.encode("utf-8", "replace")):
         raise _FaultError("its name differs from that of its subject")
-    if not is_recording_name(name) or not name.endswith(CLOSED) or len(name) > MAX_NAME:
+    # Commands would take a name such as `-rf.rbt`, which a shell inserts for `*`, for an option.
+    closed = name.endswith(CLOSED) and not name.startswith("-") and len(name) <= MAX_NAME
+    if not closed or not is_recording_name(name):
         raise _FaultError("not the name of a closed recording")
     options = found.get("options")
     if isinstance(options, dict) and options.get("link"):

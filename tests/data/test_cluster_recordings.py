@@ -174,6 +174,7 @@ HOSTILE = {
         description("/etc/passwd"),
         description("open.rbt.part"),
         description("\x1b[2J.rbt"),
+        description("-rf.rbt"),
         description("a" * 201 + ".rbt"),
         description("\ud800.rbt".encode("utf-8", "replace").decode()),
     ],
