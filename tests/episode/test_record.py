@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+import random
 
 import pytest
 from pydantic import ValidationError
 
-from robotouille import ProtocolError
+from robotouille import ProtocolError, World
 from robotouille.episode import (
+    ActionRequest,
     AnnouncementMade,
     ChatPosted,
     Clock,
+    Episode,
     Moderated,
     Moderation,
     Outcome,
@@ -20,6 +23,7 @@ from robotouille.episode import (
     SeatTally,
 )
 from robotouille.episode.rules import MOVE_BUDGET
+from robotouille.world.sight import Seen, seen_by
 from tests.support.episodes import start
 
 
@@ -113,3 +117,41 @@ def test_default_move_budget_needs_several_seats(
 def test_rules_out_of_range_are_refused(rules: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         Rules(**rules)  # type: ignore[arg-type]
+
+
+def views(episode: Episode) -> list[tuple[Seen, Seen]]:
+    """Return each player's view as the record keeps it, and a new one."""
+    sight = episode.rules.limited_sight
+    assert sight is not None
+    return [
+        (
+            episode.record.seen(episode.state, (player,), sight),
+            seen_by(episode.state, player, sight),
+        )
+        for player in episode.world.players
+    ]
+
+
+@pytest.mark.parametrize("task", ["multi_agent/01@3", "shifts/04"])
+def test_known_views_equal_new_ones(task: str) -> None:
+    world, rng = World(task), random.Random(1)
+    episode = start(world, clock=Clock.REALTIME, step_rate=10, sight=2, sight_blocked=True)
+    for seq in range(1, 41):
+        # In most steps, nobody acts.
+        for player in world.players if seq % 4 == 0 else ():
+            actions = episode.offered_actions(player)
+            action = rng.choice(actions) if actions else None
+            episode.submit(player, ActionRequest(seq, action), seq / 10)
+        episode.tick(seq / 10)
+        for known, new in views(episode):
+            assert (known, known.hidden, known.actions) == (new, new.hidden, new.actions)
+            assert known.text_view(known.players[0]) == new.text_view(known.players[0])
+
+
+def test_step_without_actions_needs_no_search_for_actions() -> None:
+    """In idle games, texts of limited sight once used up the time of all others."""
+    episode = start(World("shifts/04"), clock=Clock.REALTIME, step_rate=10, sight=2)
+    before = [known.actions for known, _ in views(episode)]
+    episode.tick(0.1)
+    after = [known.actions for known, _ in views(episode)]
+    assert all(one is other for one, other in zip(before, after, strict=True))

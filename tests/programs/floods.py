@@ -237,6 +237,11 @@ FLOODS = {
         texts="fast",
         connections=1,
     ),
+    "idle-sight": Flood(
+        "limited sight at 60 steps a second, in 12 games in which nobody acts",
+        texts="idle",
+        connections=12,
+    ),
     "metrics": Flood("reads of the metrics, from 60 connections", page="/metrics", connections=60),
     "operator": Flood(
         "searches of the operator page, from 60 connections",

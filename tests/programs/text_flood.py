@@ -3,7 +3,8 @@
 With `declared`, each action has the longest thinking time, so that the steps of the whole game are
 due at once. With `rematches`, sight is limited, and players open rematches of rematches of one game
 as long as the server allows it. With `fast`, these rematches take sixty steps a second, and each
-seat has a player of its own who acts and asks for snapshots.
+seat has a player of its own who acts and asks for snapshots. With `idle`, nobody acts in several
+such games of a host.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from tests.programs.flood_client import CHUNK, connect, message, read_until, tex
 
 __all__ = ["TextFlood", "TextFloodKind"]
 
-TextFloodKind = Literal["declared", "rematches", "fast"]
+TextFloodKind = Literal["declared", "rematches", "fast", "idle"]
 
 ELSEWHERE = "X-Forwarded-For: 203.0.113.9\r\n"
 """Header of a proxy, so that the server treats the connection as a player's, not a host's."""
@@ -174,6 +175,10 @@ class TextFlood:
         self._players: list[_DeclaredPlayer] | list[_Reader]
         if kind == "declared":
             self._players = [_DeclaredPlayer(port) for _ in range(games)]
+            return
+        if kind == "idle":
+            codes = [_code_of_new_game(port, FAST) for _ in range(games)]
+            self._players = [player for code in codes for player in _readers(port, code)]
             return
         rules, players = (FAST, _actors) if kind == "fast" else (SIGHT, _readers)
         codes = [code for _ in range(games) for code in _rematches(port, rules)]

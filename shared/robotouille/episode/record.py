@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
-from robotouille.episode.clocks import clock_for
+from robotouille.episode.clocks import MAX_LATE_AT_ONCE, clock_for
 from robotouille.episode.events import (
     Departure,
     EpisodeEnded,
@@ -38,8 +38,9 @@ from robotouille.world.sight import Seen, Sight, seen_by, told
 from robotouille.world.unmet import Unmet
 from robotouille.world.world import State, World
 
-KEPT_STATES = 2
-"""Number of states whose visible parts the record keeps: the states before and after a step."""
+KEPT_STATES = MAX_LATE_AT_ONCE + 1
+"""Number of states whose visible parts the record keeps: those before and after all steps that are
+published together."""
 
 RandomReversal = Callable[[State], Sequence[Atom]]
 """Function that chooses which facts of a state after a step become false again by chance."""
@@ -100,7 +101,7 @@ class EpisodeRecord:
         self.world = world
         self.rules = rules
         self.sight = rules.limited_sight
-        self._last_seen: dict[tuple[str, ...], Seen] = {}
+        self._last_seen: dict[tuple[str, ...], tuple[int, Seen]] = {}
         self._seen: list[tuple[State, dict[tuple[str, ...], Seen]]] = []
         self.random_reversal = random_reversal
         self.state: State = world.initial
@@ -377,12 +378,18 @@ class EpisodeRecord:
             kept = {}
             self._seen = [*self._seen[-(KEPT_STATES - 1) :], (state, kept)]
         if players not in kept:
-            seen = seen_by(state, players, sight)
-            # Players often see nothing change. Finding the actions and writing the text again
-            # would take twenty times as long as finding what is in sight.
-            last = self._last_seen.get(players)
-            kept[players] = self._last_seen[players] = last if last == seen else seen
+            kept[players] = self._newly_seen(state, players, sight)
+            self._last_seen[players] = state.facts, kept[players]
         return kept[players]
+
+    def _newly_seen(self, state: State, players: tuple[str, ...], sight: Sight) -> Seen:
+        if players not in self._last_seen:
+            return seen_by(state, players, sight)
+        facts, last = self._last_seen[players]
+        # In most steps of a fast game, only time passes.
+        if facts == state.facts:
+            return last.of_later(state)
+        return seen_by(state, players, sight).after(last)
 
     def seen_state(self, player: str) -> State:
         """Return the part of the state that a player sees."""

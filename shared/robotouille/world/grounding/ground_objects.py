@@ -81,9 +81,13 @@ class GroundObjects:
 
     def objects_in(self, facts: int) -> tuple[Object, ...]:
         """Return the objects that exist in a state, by type, then by number."""
-        there = [o for o in self._things.values() if self.exists(o, facts)]
+        return tuple(o for o in self._sorted_things if self.exists(o, facts))
+
+    @cached_property
+    def _sorted_things(self) -> list[Object]:
+        """All objects by type, then by number."""
         order = {kind: i for i, kind in enumerate(self.task.domain.object_types)}
-        return tuple(sorted(there, key=lambda o: order[o.type]))
+        return sorted(self._things.values(), key=lambda o: order[o.type])
 
     def used_objects(self, facts: int) -> list[str]:
         """Return the names of created objects that exist or existed; they are never reused."""
@@ -208,7 +212,8 @@ class GroundObjects:
         self._things.update((thing.name, thing) for thing in new)
         self.table.add(new)
         self._sizes.append(len(self.table.atoms))
-        self.__dict__.pop("_transient_masks", None)
+        for outdated in ("_transient_masks", "_sorted_things"):
+            self.__dict__.pop(outdated, None)
 
     def _grown(self) -> None:
         """Discard values that were computed from all objects. Subclasses extend this."""
