@@ -25,6 +25,7 @@ from robotouille.protocol.codec import (
     Codec,
     codec_for,
 )
+from robotouille.protocol.messages.values import MAX_REASON, MAX_REASONS
 from robotouille_server import ServerSettings
 
 CODECS = [JSON, MSGPACK]
@@ -244,3 +245,18 @@ def test_texts_of_seats_are_limited(field: str) -> None:
     with pytest.raises(ProtocolError) as error:
         MSGPACK.decode_server(payload(MSGPACK, roster))
     assert error.value.field.startswith(f"seats.0.{field}")
+
+
+@pytest.mark.parametrize("codec", CODECS)
+def test_long_reasons_of_a_server_are_cut(codec: Codec) -> None:
+    long, cut = "x" * 100_000, "x" * MAX_REASON + "…"
+    error = codec.decode_server(codec.pack({"type": "error", "code": "x", "message": long}))
+    assert error == messages.Error(code="x", message=cut)
+    bye = codec.decode_server(codec.pack({"type": "bye", "reason": long}))
+    assert bye == messages.Bye(reason=cut)
+    left = codec.decode_server(codec.pack({"type": "left", "episode": "e", "reason": long}))
+    assert left == messages.Left(episode="e", reason=cut)
+    row = {"type": "rejected", "seq": 1, "step": 0, "action": long, "reasons": [long[:5000]] * 1000}
+    rejected = codec.decode_server(codec.pack(row))
+    assert isinstance(rejected, messages.Rejected)
+    assert (rejected.action, rejected.reasons) == (cut, [cut] * MAX_REASONS)

@@ -18,6 +18,8 @@ from robotouille.protocol.messages.values import (
     NoticeText,
     OutcomeRow,
     Pause,
+    ReasonText,
+    ReasonTexts,
     Ref,
     RulesRow,
     SeatAnswer,
@@ -351,8 +353,8 @@ class Rejected(FromServer):
     type: Literal["rejected"] = "rejected"
     seq: int = Field(description="The action's sequence number.")
     step: int = Field(description="The episode's step at the time.")
-    action: str = Field(description="The action's sentence, or the requested text.")
-    reasons: list[str] = Field(description="The unmet preconditions in words, or another reason.")
+    action: ReasonText = Field(description="The action's sentence, or the requested text.")
+    reasons: ReasonTexts = Field(description="The unmet preconditions in words, or another reason.")
     why: list[Why] = Field(
         default=[], description="The same reasons as data, in the same order; may be empty."
     )
@@ -442,7 +444,9 @@ class Left(FromServer):
     type: Literal["left"] = "left"
     ref: Ref = None
     episode: Identifier = Field(description="The episode's id.")
-    reason: str = Field(default="", description="The reason; empty if the client sent `leave`.")
+    reason: ReasonText = Field(
+        default="", description="The reason; empty if the client sent `leave`."
+    )
 
 
 class Error(FromServer):
@@ -451,8 +455,8 @@ class Error(FromServer):
     type: Literal["error"] = "error"
     ref: Ref = None
     code: Known[ErrorCode] = Field(description="A stable error code.")
-    message: str = Field(description="Explanation for people. Its wording may change.")
-    field: str = Field(
+    message: ReasonText = Field(description="Explanation for people. Its wording may change.")
+    field: ReasonText = Field(
         default="", description="The invalid field, with its path if nested; empty if none."
     )
 
@@ -461,7 +465,7 @@ class Bye(FromServer):
     """The server closes the connection."""
 
     type: Literal["bye"] = "bye"
-    reason: str = Field(description="The reason, for people.")
+    reason: ReasonText = Field(description="The reason, for people.")
     code: Known[ErrorCode] = Field(default=ErrorCode.SERVER_BYE, description="A stable error code.")
     retry: bool = Field(
         default=False, description="True if the client may reconnect soon with the resume token."

@@ -43,6 +43,16 @@ ShownName = Annotated[str, Field(max_length=64)]
 ChatText = Annotated[str, Field(max_length=500)]
 MAX_NOTICE = 2000
 NoticeText = Annotated[str, Field(max_length=MAX_NOTICE)]
+MAX_REASONS, MAX_REASON = 64, 4000
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= MAX_REASON else f"{text[:MAX_REASON]}…"
+
+
+# Programs print these texts. They are cut and not refused, because some repeat what a client sent.
+ReasonText = Annotated[str, AfterValidator(_shortened)]
+ReasonTexts = Annotated[list[ReasonText], AfterValidator(lambda texts: texts[:MAX_REASONS])]
 Kind = Literal["human", "bot", "model"]
 View = Literal["state", "text", "both"]
 LabelName = Annotated[str, Field(min_length=1, max_length=64, pattern=PRINTABLE)]
