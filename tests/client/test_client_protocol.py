@@ -9,7 +9,7 @@ import pytest
 from robotouille import ProtocolError
 from robotouille.protocol import messages
 from robotouille_client.errors import ConnectionFailedError, RetryLaterError, UntrustedRedirectError
-from robotouille_client.sansio.client_protocol import ClientProtocol
+from robotouille_client.sansio.client_protocol import MAX_BRIEF, SETTLED_SECONDS, ClientProtocol
 from robotouille_client.sansio.client_state import ClientState, RequestDone, RequestFailed
 from robotouille_client.sansio.game_events import GameEnded
 from robotouille_client.sansio.game_replica import GameReplica
@@ -205,6 +205,46 @@ def test_reconnect_delays_grow_and_start_over_after_a_welcome(server: ScriptedSe
     client.receive(server.welcome(resumed=True), 10.0)
     client.connection_lost(10.0)
     assert client.connect_at <= 10.2
+
+
+def lose_at_once(client: Protocol, server: ScriptedServer, welcome: messages.Welcome) -> float:
+    """Connect when the client wants to, and close at once; return the time between the two."""
+    before = client.connect_at
+    client.connection_made(before)
+    client.receive(welcome, before)
+    client.connection_lost(before)
+    return client.connect_at - before
+
+
+def test_client_gives_up_if_each_connection_is_closed_at_once(server: ScriptedServer) -> None:
+    client = playing(server)
+    client.connection_lost(0.0)
+    waits = []
+    while client.state is not ClientState.CLOSED:
+        waits.append(lose_at_once(client, server, server.welcome(resumed=True)))
+        assert len(waits) <= MAX_BRIEF
+    assert max(waits[:4]) < 0.5
+    assert sum(waits) > 60
+    assert str(client.error) == (
+        f"{URL} welcomed the client 50 times in a row and closed the connection at once"
+    )
+
+
+def test_client_does_not_give_up_while_connections_last(server: ScriptedServer) -> None:
+    client = playing(server)
+    for _ in range(2 * MAX_BRIEF):
+        client.connection_lost(client.connect_at + SETTLED_SECONDS)
+        client.connection_made(client.connect_at)
+        client.receive(server.welcome(resumed=True), client.connect_at)
+    assert client.state.online
+    client.connection_lost(client.connect_at)
+    for _ in range(MAX_BRIEF - 2):
+        lose_at_once(client, server, server.welcome(resumed=True))
+    client.connection_made(client.connect_at)
+    client.receive(server.welcome(resumed=True), client.connect_at)
+    began = client.connect_at
+    client.connection_lost(began + SETTLED_SECONDS)
+    assert lose_at_once(client, server, server.welcome(resumed=True)) < 0.5
 
 
 def test_reconnect_delays_depend_on_the_given_source_only(server: ScriptedServer) -> None:

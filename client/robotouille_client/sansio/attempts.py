@@ -99,11 +99,12 @@ class ServerAddresses:
         """
         return moved_url(self.current, address, self.named)
 
-    def reached(self, nodes: Iterable[str]) -> None:
+    def reached(self, nodes: Iterable[str], *, stable: bool = True) -> None:
         """Stay at the current address, whose server welcomed the client.
 
         Args:
             nodes: Addresses of the server's other nodes. The client ignores untrusted ones.
+            stable: False if the server has closed several connections at once.
         """
         self._home = self.current
         here = urlsplit(self.current)
@@ -114,7 +115,7 @@ class ServerAddresses:
         self._reached, self._redirected = True, False
         # The connection works again, so the next loss starts with a short delay. But if the
         # server redirects to a node that has stopped, each welcome leads to the next attempt.
-        if not self.dead_end:
+        if not self.dead_end and stable:
             self._begin()
 
     def _is_trusted(self, here: SplitResult, url: str) -> bool:

@@ -55,6 +55,9 @@ from robotouille_client.sansio.game_replica import GameReplica
 MAX_MOVES = 4
 # A connection that was moved on sooner is followed by a delay, for the same reason.
 SETTLED_SECONDS = 1.0
+# Number of sooner losses in a row, without a step of the game, after which the delays grow, and
+# after which the client gives up. The second one takes about three minutes.
+BRIEF_AT_FIRST, MAX_BRIEF = 5, 50
 
 # Answers to `hello` that mean the resume token is of no use.
 TOKEN_ERRORS = (
@@ -123,6 +126,7 @@ class ClientProtocol(Generic[G]):
         self._moves = 0
         self._greeting_due = 0.0
         self._online_since = 0.0
+        self._brief, self._last_step = 0, -1
         self._requests = PendingRequests()
         self._rejoin: messages.Join | None = None
         self._rejoin_at: float | None = None
@@ -190,11 +194,24 @@ class ClientProtocol(Generic[G]):
         """Schedule the next attempt after a lost connection."""
         if self.state is ClientState.GREETING:
             self._not_welcome(reason, now)
-        elif self.reconnect:
+        elif not self.reconnect:
+            self.close(CLOSED)
+        elif not self._gives_up(now):
             self._enter(Trigger.LOST)
             self.connect_at = now + self.addresses.lost()
-        else:
-            self.close(CLOSED)
+
+    def _gives_up(self, now: float) -> bool:
+        """Close after too many connections in a row that were lost at once; return whether."""
+        step = self.game.step if self.game is not None else -1
+        brief = now - self._online_since < SETTLED_SECONDS and step == self._last_step
+        self._brief = self._brief + 1 if brief else 0
+        self._last_step = step
+        if self._brief < MAX_BRIEF:
+            return False
+        words = f"welcomed the client {MAX_BRIEF} times in a row and closed the connection at once"
+        error = ConnectionFailedError(f"{self.url} {words}")
+        self.close(str(error), error)
+        return True
 
     def fail(self, error: RobotouilleError) -> None:
         """Close because a message of the server is invalid."""
@@ -430,7 +447,7 @@ class ClientProtocol(Generic[G]):
         self.opens_limited_sight = welcome.opens_limited_sight
         self.resumed = welcome.resumed
         self._online_since, self.welcomed, self._moves = now, True, 0
-        self.addresses.reached(welcome.nodes)
+        self.addresses.reached(welcome.nodes, stable=self._brief < BRIEF_AT_FIRST)
 
     # Messages
 
@@ -472,6 +489,8 @@ class ClientProtocol(Generic[G]):
             url = self.addresses.resolve(moved)
         except UntrustedRedirectError as error:
             self.close(str(error), error)
+            return
+        if self._gives_up(now):
             return
         self._enter(Trigger.MOVED)
         settled = now - self._online_since >= SETTLED_SECONDS
