@@ -12,6 +12,7 @@ from robotouille.domain.pictures import MAX_OUTLINES, MAX_PICTURE_BYTES, MAX_SHA
 from robotouille.episode import quota, rules, submissions
 from robotouille.episode.clocks import MAX_CATCH_UP, MAX_LATE_AT_ONCE, MAX_STEPS_AT_ONCE
 from robotouille.protocol import codec, messages
+from robotouille.protocol.messages import values
 from robotouille.replay import container, payloads
 from robotouille.web import recording_data, recording_page
 from robotouille.web.bounded_requests import MAX_HEAD_BYTES, MAX_HEAD_LINES
@@ -164,6 +165,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               ", ".join((_maximum(messages.Said, "name"), _maximum(messages.Said, "text"),
                          _maximum(messages.Notice, "text"))),
               "Clients close the connection.", INVALID),
+        Limit("Characters of a reason or explanation in a server's message, and its reasons",
+              f"{values.MAX_REASON:,}, {values.MAX_REASONS}", "Clients cut them."),
         Limit("Facts about objects that play has created", f"{ground_objects.MAX_GROWTH:,}",
               "The episode ends: `aborted`."),
         Limit("Size of a server's message", _size(codec.MAX_SERVER_BYTES),
