@@ -5,6 +5,7 @@ Libraries of extras are imported when a command runs, because this module has op
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -115,6 +116,9 @@ def fetching(options: ClusterOptions, folder: Path, stop: Event) -> Callable[[],
         ca=options.cluster_ca,
         credentials=options.cluster_credentials,
     )
+    # The NATS library makes asyncio warn at the end of each encrypted connection, and leaves tasks
+    # that have failed. The command reports failures itself.
+    logging.getLogger("asyncio").setLevel(logging.CRITICAL)
     folder.mkdir(parents=True, exist_ok=True)
     recordings = ClusterRecordings(address, folder)
     lost = False

@@ -6,6 +6,7 @@ import asyncio
 import base64
 import hashlib
 import json
+import logging
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -313,6 +314,17 @@ def test_watch_continues_after_a_restart_of_nats(
     printed = capsys.readouterr()
     assert printed.out == "copied 1\n" * 3
     assert printed.err == "connected to NATS again\n"
+
+
+def test_warnings_of_the_event_loop_are_not_printed(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With TLS, the NATS library causes one at the end of each connection."""
+    logger = logging.getLogger("asyncio")
+    monkeypatch.setattr(logger, "level", logging.WARNING)
+    fetching(ClusterOptions(cluster="tls://localhost"), folder, threading.Event())
+    assert not logger.isEnabledFor(logging.WARNING)
+    logger.setLevel(logging.WARNING)  # This also clears the cache of `isEnabledFor`.
 
 
 def test_missing_extra_is_named(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
