@@ -385,6 +385,20 @@ class TestLease:
             assert sorted(tmp_path.rglob("*")) == before
 
 
+@virtual
+async def test_slow_writes_do_not_slow_a_fast_game_down(tmp_path: Path) -> None:
+    """Three steps are due while one write is under way."""
+    async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+        created = await ada.create("training/01", clock="realtime", step_rate=60)
+        game = await ada.join(created.code)
+        await until(game, 5)
+        nodes.nats.quality.latency = 0.025
+        await asyncio.sleep(1.0)
+        before = game.step
+        await asyncio.sleep(4.0)
+        assert game.step - before == pytest.approx(240, abs=10)
+
+
 class TestHandOver:
     @virtual
     async def test_who_joins_while_an_episode_is_handed_over_has_the_seat(

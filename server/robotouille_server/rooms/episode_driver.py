@@ -201,20 +201,24 @@ class EpisodeDriver:
         if self._gate.closed:
             return
         now = self.now()
-        episode = self._episode
         # Only the lateness of real-time steps is measured: no player notices other late timers.
-        if episode.rules.scheduled and episode.running:
+        if self._episode.rules.scheduled and self._episode.running:
             self._metrics.lateness.observe(max(0.0, now - due))
         try:
             # The maximum is needed, because a timer of the event loop may fire a little before
             # `due`.
-            try:
-                episode.tick_briefly(max(now, due))
-            except TooHardError as error:
-                self._give_up(error, now)
+            self._tick(max(now, due))
             self._flush(now)
         except Exception:
             self._fail()
+
+    def _tick(self, now: float) -> None:
+        # While a replicated recording is written, several steps of a fast game become due.
+        tick = self._episode.tick if self._write_ahead.waited else self._episode.tick_briefly
+        try:
+            tick(now)
+        except TooHardError as error:
+            self._give_up(error, now)
 
     def _fail(self) -> None:
         """End the episode after an internal error, so that all others continue."""

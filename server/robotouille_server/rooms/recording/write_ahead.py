@@ -141,9 +141,14 @@ class WriteAhead:
         publish: Called with each event, in order.
         failing_changed: Called when writing starts to fail and when it works again. Until then,
             call `flush` with `retry` from time to time.
+
+    Attributes:
+        waited: True if the last events were not written at once.
     """
 
-    __slots__ = ("_episode", "_failing_changed", "_gate", "_log", "_publish", "_uncommitted")
+    __slots__ = (
+        "_episode", "_failing_changed", "_gate", "_log", "_publish", "_uncommitted", "waited",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -159,6 +164,7 @@ class WriteAhead:
         self._publish = publish
         self._failing_changed = failing_changed
         self._uncommitted: list[Event] = []
+        self.waited = False
 
     def flush(self, now: float, *, retry: bool = False) -> list[Event]:
         """Collect, write and publish events; return the published ones."""
@@ -169,11 +175,13 @@ class WriteAhead:
         if not (self._uncommitted or gate.closed) or (gate.failing and not retry):
             return []
         if not self._commit(now):
-            gate.closed = True
+            gate.closed = self.waited = True
             return []
         # Answers deferred earlier are about states before these events.
         if gate.closed:
             gate.release()
+        else:
+            self.waited = False
         events, self._uncommitted = self._uncommitted, []
         for event in events:
             self._publish(event)
