@@ -200,7 +200,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               "The remaining frames wait."),
         Limit("Steps taken for one action, without the wall clock", f"{MAX_STEPS_AT_ONCE}",
               "The remaining steps wait for a turn among the connections."),
-        Limit("Late steps taken at once, in real time", f"{MAX_LATE_AT_ONCE}",
+        Limit("Late steps taken at once, in real time",
+              f"{MAX_LATE_AT_ONCE}, or {MAX_CATCH_UP} if writing the last one took time",
               "The remaining steps wait for a turn among the connections. After "
               f"{MAX_CATCH_UP} late steps, the others are skipped."),
         Limit("Frames of one connection handled before the others",
