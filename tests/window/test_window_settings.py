@@ -147,12 +147,24 @@ def test_the_addresses_of_a_cluster_are_kept(path: Path) -> None:
 
 
 def test_the_better_result_is_kept(path: Path) -> None:
-    save_settings(Settings(best={"a@1": 50, "b@1": 9}), path)
+    save_settings(Settings(best={"a@1": 50, "b@1": 9}, stars={"a@1": 1}), path)
     (one, first), (other, second) = opened(path), opened(path)
     one.best |= {"a@1": 30, "c@2": 70}
+    one.stars |= {"a@1": 3}
     other.best |= {"a@1": 40, "b@1": 8}
+    other.stars |= {"a@1": 2, "b@1": 1}
     assert first.save(one) == second.save(other) == ""
     assert kept(path).best == {"a@1": 30, "b@1": 8, "c@2": 70}
+    assert kept(path).stars == {"a@1": 3, "b@1": 1}
+
+
+def test_more_points_of_a_shift_are_better(path: Path) -> None:
+    shift = "shifts/01_sandwich_bar@2"
+    save_settings(Settings(best={shift: 224}), path)
+    (one, first), (other, second) = opened(path), opened(path)
+    one.best[shift], other.best[shift] = 367, 300
+    assert first.save(one) == second.save(other) == ""
+    assert kept(path).best == {shift: 367}
 
 
 def test_a_removed_setting_stays_removed(path: Path) -> None:

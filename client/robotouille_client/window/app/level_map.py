@@ -12,7 +12,7 @@ from robotouille.certification.stars import score_limits
 from robotouille.domain.loading import load_task, task_names
 from robotouille.domain.task import Task
 from robotouille_client.window.app.play_menu import best_of
-from robotouille_client.window.app.settings import Settings
+from robotouille_client.window.app.settings import SHIFTS, Settings, is_shift
 from robotouille_client.window.app.thumbnails import Thumbnails
 from robotouille_client.window.forms.form import Form, FormLayout
 from robotouille_client.window.forms.rows import MenuChoice
@@ -31,9 +31,6 @@ from robotouille_client.window.pictures.theme import (
     mixed,
 )
 from robotouille_client.window.sources.texts import dish_title
-
-SHIFTS = "shifts"
-"""Family of the tasks that have points."""
 
 CHAPTERS = (
     ("Alone", "synchronous"),
@@ -71,7 +68,7 @@ class Level:
 
     @property
     def is_shift(self) -> bool:
-        return self.task.startswith(f"{SHIFTS}/")
+        return is_shift(self.task)
 
 
 def levels(

@@ -27,11 +27,12 @@ from robotouille_client.window.app.game_cards import (
     rate_game,
 )
 from robotouille_client.window.app.introductions import introduction
-from robotouille_client.window.app.level_map import ALL_TASKS, SHIFTS, LevelMap
+from robotouille_client.window.app.level_map import ALL_TASKS, LevelMap
 from robotouille_client.window.app.local_game import GameSetup, LocalGame
 from robotouille_client.window.app.play_menu import PlayMenu
 from robotouille_client.window.app.replays import Replays
 from robotouille_client.window.app.results import note_result
+from robotouille_client.window.app.settings import is_shift
 from robotouille_client.window.app.user_interface import UserInterface
 from robotouille_client.window.forms.rows import MenuChoice
 from robotouille_client.window.input.commands import Command, KeyMap
@@ -337,7 +338,7 @@ class LocalGames:
         rating = rate_game(task, task.seats, game.step_seconds, outcome)
         lost = not won(outcome) or (rating is not None and not rating.stars)
         # A shift also has a best result without a star.
-        solved = any(not name.startswith(f"{SHIFTS}/") for name in settings.best)
+        solved = any(not is_shift(name) for name in settings.best)
         return lost and not solved and not any(settings.stars.values())
 
     def _note_best(self, game: LocalGame) -> None:

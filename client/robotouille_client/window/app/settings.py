@@ -23,6 +23,8 @@ from robotouille_client.window.preferences import Preferences, Word
 VERSION = 1
 MAX_BYTES = 100_000
 """Largest settings file that is read."""
+SHIFTS = "shifts"
+"""Family of the tasks that have points, of which more are better. Fewer steps are better."""
 TRIES = 3
 """Number of attempts to merge with another window's changes before overwriting them."""
 
@@ -213,10 +215,20 @@ def _set_aside(path: Path, fault: str, instead: str = "Using the defaults.") -> 
     return f"{fault} {instead} The old file is {backup.name}."
 
 
+def is_shift(task: str) -> bool:
+    """Return whether a task, as `NAME` or `NAME@PLAYERS`, has points instead of steps."""
+    return task.startswith(f"{SHIFTS}/")
+
+
 def _merged(saved: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    merged = {**saved, **changes}
-    best = dict(saved["best"])
-    for task, steps in changes.get("best", {}).items():
-        # Another window may have saved a better result for the same task.
-        best[task] = min(best.get(task, steps), steps)
-    return {**merged, "best": best}
+    """Return the saved settings with this window's changes.
+
+    Another window may have saved a better result for the same task, which stays.
+    """
+    best, stars = dict(saved["best"]), dict(saved["stars"])
+    for task, result in changes.get("best", {}).items():
+        better = max if is_shift(task) else min
+        best[task] = better(best.get(task, result), result)
+    for task, earned in changes.get("stars", {}).items():
+        stars[task] = max(stars.get(task, earned), earned)
+    return {**saved, **changes, "best": best, "stars": stars}
