@@ -45,6 +45,7 @@ from tests.programs.audience_flood import AudienceFlood
 from tests.programs.broker_flood import BrokerFlood, flooding_broker
 from tests.programs.delay_flood import DelayFlood
 from tests.programs.honest_game import HELLO, SUBPROTOCOL, HonestGame
+from tests.programs.mcp_flood import HonestAgent, McpFlood, McpFloodKind, mcp_process
 from tests.programs.page_flood import PageFlood
 from tests.programs.record_flood import Kind, RecordFlood
 from tests.programs.rematch_flood import RematchFlood
@@ -62,6 +63,8 @@ FLAGS = (
 )  # fmt: skip
 HERE, EVERYWHERE = "127.0.0.1", "0.0.0.0"
 MAX_GAP = 0.150
+MAX_CALL = 0.400
+"""Longest call of an agent. Without a flood, it takes up to 50 ms."""
 MAX_GROWTH = 32 * 1024 * 1024
 BLOB = 256 * 1024
 HURRY = 0.04
@@ -119,8 +122,9 @@ class Flood:
     and the connections send records of this kind; with `remote`, to another address of this
     machine, so that they are limited as those of strangers. With `broker`, the flood comes from an
     MQTT broker of this kind, during the whole measurement. With `cluster`, the connections flood
-    another node of the server's cluster, on a real NATS.
-    `max_growth` is the limit for the server's memory.
+    another node of the server's cluster, on a real NATS. With `mcp`, the flood is of this kind and
+    attacks `robotouille-mcp`, whose memory and calls are measured.
+    `max_growth` is the limit for the memory, and `max_gap` for the longest gap or call.
     """
 
     what: str
@@ -144,10 +148,12 @@ class Flood:
     remote: bool = False
     broker: BrokerFlood | None = None
     cluster: bool = False
+    mcp: McpFloodKind | None = None
     elsewhere: bool = False
     rooms: int = 0
     connections: int = 4
     max_growth: int = MAX_GROWTH
+    max_gap: float = MAX_GAP
     subprotocol: str = SUBPROTOCOL
 
 
@@ -285,6 +291,17 @@ FLOODS = {
     ),
     "broker": Flood("packets of an MQTT broker in shifted TLS records", broker="packets"),
     "broker-keys": Flood("changes of keys by an MQTT broker", broker="keys"),
+    "mcp-silence": Flood(
+        "700 silent connections to robotouille-mcp", silent=700, mcp="silence", max_gap=MAX_CALL
+    ),
+    "mcp-abandoned": Flood(
+        "calls of robotouille-mcp whose client closes the connection",
+        mcp="abandoned",
+        max_gap=MAX_CALL,
+    ),
+    "mcp-values": Flood(
+        "requests to robotouille-mcp with 20,000 values", mcp="values", max_gap=MAX_CALL / 2
+    ),
     "acts": Flood(
         "actions of spectators, from 60 connections",
         lambda code: _message({"type": "act", "seq": 1, "action": "x" * 300}),
@@ -424,6 +441,8 @@ def attack(name: str, port: int, code: str) -> None:
     print(READY, end="", flush=True)
     if name == "none" or flood.broker:
         time.sleep(3600)
+    if flood.mcp in ("abandoned", "values"):
+        McpFlood(port, flood.mcp).run()
     if flood.loads:
         script = f"/play/{shared_site().version}/{BUNDLE}"
         PageFlood(port, flood.loads, ("/play", script)).run()
@@ -506,7 +525,7 @@ class Result:
     @property
     def withstood(self) -> bool:
         within = self.growth < FLOODS[self.name].max_growth
-        return self.gap < MAX_GAP and within and self.admitted
+        return self.gap < FLOODS[self.name].max_gap and within and self.admitted
 
 
 def measure(name: str, runs: int, seconds: float, *, descriptors: int = 0) -> Result:
@@ -524,10 +543,8 @@ def measure(name: str, runs: int, seconds: float, *, descriptors: int = 0) -> Re
         if FLOODS[name].remote:
             flags += ("--host", EVERYWHERE)
         with server_process(Path(folder), *FLAGS, *flags) as server:
-            process = psutil.Process(server.process.pid)
-            game = HonestGame(server, FLOODS[name].rooms, tls)
+            process, game, port = _measured(name, server, operator, tls, stack)
             game.longest_gap(1.0)
-            port = operator if FLOODS[name].operator else server.port
             if FLOODS[name].cluster:
                 # It joins after the game, which is therefore on the first node.
                 port = stack.enter_context(_other_node(Path(folder), flags)).port
@@ -538,10 +555,30 @@ def measure(name: str, runs: int, seconds: float, *, descriptors: int = 0) -> Re
                     time.sleep(0.3)
                     gaps.append(game.longest_gap(seconds))
                     most = max(most, process.memory_info().rss)
-                    admitted = _admitted(server, FLOODS[name].elsewhere, tls) and admitted
+                    admitted = admitted and (
+                        game.admitted()
+                        if isinstance(game, HonestAgent)
+                        else _admitted(server, FLOODS[name].elsewhere, tls)
+                    )
             game.close()
             size = server.log.stat().st_size
             return Result(name, tuple(gaps), most - before, size, admitted, tuple(served))
+
+
+def _measured(
+    name: str,
+    server: ServerProcess,
+    operator: int,
+    tls: ssl.SSLContext | None,
+    stack: ExitStack,
+) -> tuple[psutil.Process, HonestGame | HonestAgent, int]:
+    """Return the process that is flooded, its honest user, and the port for the flood."""
+    flood = FLOODS[name]
+    if flood.mcp:
+        port, pid = stack.enter_context(mcp_process(server.url))
+        return psutil.Process(pid), HonestAgent(port), port
+    port = operator if flood.operator else server.port
+    return psutil.Process(server.process.pid), HonestGame(server, flood.rooms, tls), port
 
 
 @contextmanager
