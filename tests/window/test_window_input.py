@@ -33,15 +33,17 @@ from robotouille_client.window.drawing.window_layout import ActionMark
 from robotouille_client.window.input.commands import DIRECTIONS, Command, KeyMap
 from robotouille_client.window.input.controls import Controls, possible, towards
 from robotouille_client.window.input.input_controller import (
+    CHANGED,
     GUARD_SECONDS,
     PATIENCE_SECONDS,
+    QUICK_SECONDS,
     STILL_OCCUPIED,
     UNREACHED,
 )
 from robotouille_client.window.input.play_input import READ_SECONDS
 from robotouille_client.window.pictures.appearance import KitchenLook
 from robotouille_client.window.preferences import Preferences
-from robotouille_client.window.view import Bubble, LobbyView
+from robotouille_client.window.view import Bubble, LobbyView, PauseView
 
 
 class Table:
@@ -193,8 +195,8 @@ def test_one_press_too_many_does_not_undo_the_work() -> None:
             break
     assert table.press(pygame.K_e) == before, "the tomato stays on the board"
     assert "wait a second" in table.overlay().prompt
-    table.timer.now += GUARD_SECONDS
-    assert table.press(pygame.K_e) == [*before, "pick-up-item"]
+    table.timer.now += QUICK_SECONDS
+    assert table.press(pygame.K_e) == [*before, "pick-up-item"], "the work is done, so take it"
     assert len(table.press(pygame.K_e)) == len(before) + 1, "nor is it put back at once"
     table.timer.now += GUARD_SECONDS
     assert table.press(pygame.K_e)[-1] == "pick-up-item", "nothing is left to do with it there"
@@ -593,6 +595,66 @@ def test_actions_queued_after_a_walk_are_dropped_with_it(blocked: Table) -> None
     blocked.timer.now += GUARD_SECONDS + 0.1
     blocked.press(pygame.K_e)
     assert len(blocked.source.acted) == 2
+
+
+def test_the_news_of_a_failed_walk_ends_with_the_next_input(blocked: Table) -> None:
+    blocked.press(pygame.K_e)
+    blocked.timer.now += PATIENCE_SECONDS + 1.0
+    for _ in range(3):
+        blocked.window.frame(blocked.source)
+    assert blocked.overlay().prompt == UNREACHED
+    free = next(a for a in blocked.source.state.actions(blocked.source.me) if goes_to(a))
+    blocked.click(goes_to(free) or "")
+    assert len(blocked.source.acted) == 2
+    assert blocked.overlay().prompt == ""
+
+
+def test_a_pause_does_not_use_up_the_patience(
+    blocked: Table, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    view = blocked.source.view
+    paused = dataclasses.replace(view(), pause=PauseView("Paused", "Take your time."))
+    blocked.press(pygame.K_e)
+    monkeypatch.setattr(blocked.source, "view", lambda: paused)
+    for _ in range(3):
+        blocked.timer.now += PATIENCE_SECONDS
+        blocked.window.frame(blocked.source)
+    monkeypatch.setattr(blocked.source, "view", view)
+    blocked.timer.now += PATIENCE_SECONDS - 1.0
+    blocked.window.frame(blocked.source)
+    assert blocked.overlay().queued[1:] == ("E",)
+    assert blocked.overlay().prompt != UNREACHED
+
+
+@pytest.mark.parametrize("changes", [True, False])
+def test_a_waiting_key_does_only_what_it_meant(changes: bool) -> None:
+    world = World("multi_agent/01")
+    me, other = world.players
+    table = Table(Script(world, me, slow=True))
+
+    def act(name: str, thing: str) -> None:
+        state = table.source.state
+        named = (a for a in state.actions(other) if a.name == name and thing in a.arguments)
+        table.source.states.append(state.step(next(named)).state)
+        table.window.frame(table.source)
+
+    act("move", "table4")
+    act("pick-up-item", "patty1")
+    act("move", "table6")
+    table.click("table6")
+    reject(table)
+    table.timer.now += 1.0
+    table.press(pygame.K_e)
+    if changes:
+        act("stack", "patty1")
+    act("move", "table7")
+    table.window.frame(table.source)
+    table.step()
+    assert table.here() == "table6"
+    table.window.frame(table.source)
+    done = [action.name for action in table.source.acted[2:]]
+    assert done == ([] if changes else ["pick-up-item"])
+    assert table.overlay().prompt == (CHANGED.format("E") if changes else "")
 
 
 def test_an_action_after_a_walk_that_lost_a_race_waits_for_it() -> None:

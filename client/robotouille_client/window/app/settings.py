@@ -24,7 +24,7 @@ VERSION = 1
 MAX_BYTES = 100_000
 """Largest settings file that is read."""
 SHIFTS = "shifts"
-"""Family of the tasks that have points, of which more are better. Fewer steps are better."""
+"""Family of the tasks with points. More points are better, but fewer steps are in other tasks."""
 TRIES = 3
 """Number of attempts to merge with another window's changes before overwriting them."""
 

@@ -152,7 +152,7 @@ class Controls:
             return f"{words} does not belong here" if mixes else ""
         if not workplace:
             return ""
-        after = State(self.world, _facts_after(state, action), state.timers, state.orders)
+        after = State(self.world, facts_after(state, action), state.timers, state.orders)
         then = Situation(after, me, scene(after))
         if then.held or self.options(after, me) or misses.serves_goal(action, station):
             return ""
@@ -353,7 +353,7 @@ def _order(state: State, me: str, action: GroundAction, walks: _Walks) -> tuple[
         return 5, 0
     before, after = (
         _carried(state, me, state.facts),
-        _carried(state, me, _facts_after(state, action)),
+        _carried(state, me, facts_after(state, action)),
     )
     more = len(after) - len(before)
     return (0, 1, 2)[(more > 0) + 2 * (more < 0)], 0
@@ -361,10 +361,17 @@ def _order(state: State, me: str, action: GroundAction, walks: _Walks) -> tuple[
 
 def handled(state: State, me: str, action: GroundAction) -> frozenset[str]:
     """Return the things that an action puts into a player's hands or takes from them."""
-    return _carried(state, me, state.facts) ^ _carried(state, me, _facts_after(state, action))
+    return _carried(state, me, state.facts) ^ _carried(state, me, facts_after(state, action))
 
 
-def _facts_after(state: State, action: GroundAction) -> int:
+def takes(state: State, me: str, action: GroundAction) -> bool:
+    """Return whether an action puts something into a player's hands."""
+    after = facts_after(state, action)
+    return bool(_carried(state, me, after) - _carried(state, me, state.facts))
+
+
+def facts_after(state: State, action: GroundAction) -> int:
+    """Return the facts after an action, without the passing of time."""
     return (state.facts | action.touched) ^ action.removed
 
 

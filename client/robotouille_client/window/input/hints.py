@@ -69,8 +69,8 @@ class PlayHints:
         # Searching near misses is slow, so the result is kept while this key stays the same.
         counting = view.starts_in is not None
         interrupted = (view.pause is not None, view.offline is not None, view.frozen, counting)
-        queue = self._controller.queue
-        key = (view.state, view.me, hover, view.lobby, interrupted, queue.just_used, queue.awaited)
+        guarded, awaited = self._controller.guarded, self._controller.queue.awaited
+        key = (view.state, view.me, hover, view.lobby, interrupted, guarded, awaited)
         if self._advice is None or self._advice[0] != key:
             hints: KeyRows = ()
             if view.lobby is not None and view.asks_if_ready:

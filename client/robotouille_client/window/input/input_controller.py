@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -27,6 +28,7 @@ from robotouille_client.window.input.controls import (
     use,
     walk,
 )
+from robotouille_client.window.input.foresight import Meaning, foreseen, meaning
 from robotouille_client.window.view import Bubble, GameSource, View
 
 REPEAT_SECONDS = 0.35
@@ -49,6 +51,7 @@ class InputController:
         self._held: Command | None = None
         self._held_since = 0.0
         self._walker: Controls | None = None
+        self._used_at: float | None = None
 
     # Input. Each method returns a notice for the player, or "".
 
@@ -70,16 +73,29 @@ class InputController:
         """Handle the use key, which does the most useful action here."""
         label = key_words(key) if key else "use"
         there = key not in controls.keys or controls.is_for_places(key)
+        resolve = partial(self._resolve_guarded, controls, key, self._repeats_use)
+        self._used_at = self._clock()
         # The action is chosen when its turn comes, because the state may change until then.
-        intent = Intent(label, partial(self._resolve_guarded, controls, key), follows=there)
-        return self.queue.ask(intent, source, view)
+        return self.queue.ask(Intent(label, resolve, follows=there), source, view)
 
-    def _resolve_guarded(self, controls: Controls, key: str, view: View) -> ResolvedInput:
+    @property
+    def _repeats_use(self) -> bool:
+        """True shortly after the use key, when another press may be one too many."""
+        return self._used_at is not None and self._clock() - self._used_at < QUICK_SECONDS
+
+    @property
+    def guarded(self) -> frozenset[str]:
+        """Objects that the use key does not take up or put down at the moment."""
+        return self.queue.just_used(self._repeats_use)
+
+    def _resolve_guarded(
+        self, controls: Controls, key: str, repeats: bool, view: View
+    ) -> ResolvedInput:
         """Resolve the use key, so that one press too many does not undo the last action."""
         resolved, me = _resolve_use(controls, key, view), view.me or ""
         if resolved.action is None or not resolved.valid:
             return resolved
-        again = handled(view.state, me, resolved.action) & self.queue.just_used
+        again = handled(view.state, me, resolved.action) & self.queue.just_used(repeats)
         return ResolvedInput(None, GUARDED) if again else resolved
 
     def walk(self, controls: Controls, command: Command, source: GameSource, view: View) -> str:
@@ -169,8 +185,9 @@ class InputController:
         """
         if self.queue.awaited is not None:
             return True
-        used = self.queue.just_used
-        return bool(used) and self._resolve_guarded(controls, "", view).hint == GUARDED
+        repeats = self._repeats_use
+        resolved = self._resolve_guarded(controls, "", repeats, view) if self.guarded else None
+        return resolved is not None and resolved.hint == GUARDED
 
     def hints(self, controls: Controls, state: State, me: str) -> tuple[tuple[str, str], ...]:
         """Return rows of (key, what it does now), the most useful first.
@@ -249,8 +266,10 @@ QUICK_SECONDS = 0.4
 SHOWN_SECONDS = 0.5
 """Time for which the result of an action is marked."""
 GUARD_SECONDS = 1.0
-"""Time after an action in which the use key does not take up or put down the same thing."""
+"""Time after an action in which the use key does not undo it."""
 GUARDED = "done; to move it again, wait a second or click"
+CHANGED = "Something changed here in the meantime, so {} did nothing"
+"""Notice for an input that would now do something else than when it was given."""
 PATIENCE_SECONDS = 6.0
 """Time for which a walk to an occupied station is retried.
 
@@ -273,6 +292,7 @@ class Intent:
         action: The action, if it does not depend on the state.
         commands: The directions of a walk.
         extend: Function that adds the directions of a further walk; None if there are too many.
+        meant: Meaning of the input when it began to wait; None if it had none.
     """
 
     label: str
@@ -281,6 +301,7 @@ class Intent:
     action: GroundAction | None = None
     commands: tuple[Command, ...] = ()
     extend: Callable[[Intent], Intent | None] | None = None
+    meant: Meaning | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,12 +320,18 @@ class _Retry:
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """The last action that was sent. `time` is when it was sent, or when its result was known."""
+    """The last action that was sent.
+
+    Attributes:
+        time: When it was sent, or when its result was known.
+        works: True if it takes up and puts down nothing, such as cutting.
+    """
 
     action: GroundAction
     time: float
     step: int
     bubble: Bubble | None
+    works: bool
     fate: Literal["asked", "done", "rejected"] = "asked"
 
 
@@ -318,6 +345,7 @@ class ActionQueue:
         self._label = ""
         self._retry: _Retry | None = None
         self._failed_at: float | None = None
+        self._ticked_at = clock()
         self._untold = ""
 
     @property
@@ -339,13 +367,17 @@ class ActionQueue:
         """Station that the player walks to as soon as another player leaves it."""
         return None if self._retry is None else self._retry.action.destination
 
-    @property
-    def just_used(self) -> frozenset[str]:
-        """Objects of an action that was done less than `GUARD_SECONDS` ago; empty after a walk."""
+    def just_used(self, repeats: bool) -> frozenset[str]:
+        """Return the objects that the use key must leave, because it would undo the last action.
+
+        Args:
+            repeats: True shortly after another press. Only then, taking up what the player has
+                worked on counts as one press too many: it is the natural next action.
+        """
         sent = self._sent
         if sent is None or sent.fate != "done" or sent.action.destination is not None:
             return frozenset()
-        recent = self._clock() - sent.time < GUARD_SECONDS
+        recent = self._clock() - sent.time < GUARD_SECONDS and (repeats or not sent.works)
         return frozenset(sent.action.arguments if recent else ())
 
     @property
@@ -375,7 +407,7 @@ class ActionQueue:
         if asked is not None and intent.action == asked.action and not _repeats(asked.action, view):
             return ""  # A second choice of the same action, while the first one is under way.
         if intent.follows and (walks or self._retry is not None):
-            return self._wait(intent)
+            return self._wait(intent, view)
         if intent.follows and self._just_failed:
             return UNREACHED
         self._failed_at = None
@@ -387,16 +419,25 @@ class ActionQueue:
         just_sent = asked is not None and self._clock() - asked.time < QUICK_SECONDS
         if not (busy or just_sent or self._waiting):
             return self._do(intent, source, view)
-        return self._wait(intent)
+        return self._wait(intent, view)
 
     def tick(self, source: GameSource, view: View) -> str:
         """Send the next action if possible; return a notice for the player, or ""."""
+        self._be_patient(view)
         self._settle(view)
         if view.over:
             self.clear()
         notice = self._send_next(source, view) if self._may_send(view) else ""
         untold, self._untold = self._untold, ""
         return notice or untold
+
+    def _be_patient(self, view: View) -> None:
+        """Stop the time of a retried walk while the game is paused."""
+        now = self._clock()
+        if view.frozen and self._retry is not None:
+            until = self._retry.until + now - self._ticked_at
+            self._retry = dataclasses.replace(self._retry, until=until)
+        self._ticked_at = now
 
     def _may_send(self, view: View) -> bool:
         """Return whether the player can act now and awaits no result."""
@@ -412,7 +453,7 @@ class ActionQueue:
             return ""
         return self._do(self._waiting.pop(0), source, view) if self._waiting else ""
 
-    def _wait(self, intent: Intent) -> str:
+    def _wait(self, intent: Intent, view: View) -> str:
         # Directions that wait become one walk, which does not stop at the stations on the way.
         last = self._waiting[-1] if self._waiting else None
         if last is not None and last.extend is not None and intent.commands:
@@ -422,8 +463,25 @@ class ActionQueue:
                 return ""
         if len(self._waiting) >= MAX_QUEUED:
             return f"{MAX_QUEUED} actions are queued already"
-        self._waiting.append(intent)
+        meant = self._meant(intent, view) if intent.follows else None
+        self._waiting.append(dataclasses.replace(intent, meant=meant))
         return ""
+
+    def _meant(self, intent: Intent, view: View) -> Meaning | None:
+        """Return what an input means after those before it, if nobody else acts until then."""
+        me, first = view.me or "", None
+        if self._retry is not None:
+            first = self._retry.action
+        elif self._sent is not None and self._sent.fate == "asked":
+            first = self._sent.action
+        then = dataclasses.replace(view, state=foreseen(view.state, me, first))
+        for earlier in self._waiting:
+            action = earlier.resolve(then).action
+            if action is None:
+                return None
+            then = dataclasses.replace(then, state=foreseen(then.state, me, action))
+        action = intent.resolve(then).action
+        return None if action is None else meaning(then.state, me, action)
 
     def _forget(self) -> None:
         self._waiting, self._retry = [], None
@@ -452,12 +510,17 @@ class ActionQueue:
             # The waiting inputs were meant to follow this action.
             self._waiting = []
             return capitalised(resolved.hint)
+        meant = intent.meant
+        if meant is not None and meaning(view.state, view.me or "", resolved.action) != meant:
+            self._waiting = []
+            return CHANGED.format(intent.label)
         self._label = intent.label
         self._send(resolved.action, source, view)
         return ""
 
     def _send(self, action: GroundAction, source: GameSource, view: View) -> None:
-        self._sent = Sent(action, self._clock(), view.step, _bubble(view))
+        works = not handled(view.state, view.me or "", action)
+        self._sent = Sent(action, self._clock(), view.step, _bubble(view), works)
         source.act(action)
 
     def _try_again(self, retry: _Retry, source: GameSource, view: View) -> None:
@@ -499,7 +562,7 @@ class ActionQueue:
             if self._retry is None:
                 self._fail(sent.action)
         if fate != "asked":
-            self._sent = Sent(sent.action, now, sent.step, bubble, fate)
+            self._sent = dataclasses.replace(sent, time=now, bubble=bubble, fate=fate)
 
     def _fate_of_walk(self, sent: Sent, view: View) -> Literal["asked", "rejected"]:
         """Return the fate of a walk that has not begun although a step has passed."""

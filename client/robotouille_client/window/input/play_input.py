@@ -99,6 +99,7 @@ class PlayInput:
         self._notice = ""
         self._notice_until = 0.0
         self._news: deque[str] = deque(maxlen=2)
+        self._tells_news = False
 
     @property
     def typing(self) -> bool:
@@ -114,6 +115,13 @@ class PlayInput:
         if notice:
             self._notice = notice
             self._notice_until = self._clock() + _NOTICE_SECONDS
+            self._tells_news = False
+
+    def _answer(self, notice: str) -> None:
+        """Show the answer to an input. An input without one outdates news about earlier inputs."""
+        if not notice and self._tells_news:
+            self._notice_until = self._clock()
+        self.show_notice(notice)
 
     def _show_news(self, notice: str) -> None:
         """Show a notice that answers no key, once the player has had time to read the last one."""
@@ -121,6 +129,7 @@ class PlayInput:
             self._news.append(notice)
         if self._news and self._clock() >= self._notice_until - _NOTICE_SECONDS + READ_SECONDS:
             self.show_notice(self._news.popleft())
+            self._tells_news = True
 
     def hover(self, view: View) -> str | None:
         """Return the object under the mouse."""
@@ -202,9 +211,9 @@ class PlayInput:
         elif view.me is None or command is Command.SOUND:
             return command
         elif command in DIRECTIONS:
-            self.show_notice(self.controller.walk(self.controls(view), command, source, view))
+            self._answer(self.controller.walk(self.controls(view), command, source, view))
         elif command in (Command.USE, Command.ENTER):
-            self.show_notice(self.controller.use(self.controls(view), key, source, view))
+            self._answer(self.controller.use(self.controls(view), key, source, view))
         elif command is Command.LIST:
             self.controller.open_list(view)
         elif command in SIGNALS:
@@ -236,7 +245,7 @@ class PlayInput:
         elif command in (Command.LEFT, Command.RIGHT):
             self.controller.choose(MAX_CHOICES if command is Command.RIGHT else -MAX_CHOICES)
         elif command in (Command.USE, Command.ENTER):
-            self.show_notice(self.controller.pick(self.controls(view), None, source, view))
+            self._answer(self.controller.pick(self.controls(view), None, source, view))
         else:
             return False
         return True
@@ -252,11 +261,9 @@ class PlayInput:
         elif button == "middle" and not self._binds("middle", view):
             self._signal(Intent.LOOK, source, view)
         elif button == "right" and self._uses(target, view):
-            self.show_notice(self.controller.use(self.controls(view), "", source, view))
+            self._answer(self.controller.use(self.controls(view), "", source, view))
         else:
-            self.show_notice(
-                self.controller.click(self.controls(view), target, button, source, view)
-            )
+            self._answer(self.controller.click(self.controls(view), target, button, source, view))
 
     def _signal(self, intent: Intent, source: GameSource, view: View) -> None:
         """Send a signal about what is under the mouse, or else about the player's own place."""
@@ -312,10 +319,10 @@ class PlayInput:
         command = self.controller.keys.command(name)
         if self.controller.choices is not None:
             if name in tuple("123456789"):
-                self.show_notice(self.controller.pick(self.controls(view), int(name), source, view))
+                self._answer(self.controller.pick(self.controls(view), int(name), source, view))
                 return None
         elif self._is_bound(name, command, view):
-            self.show_notice(self.controller.key(self.controls(view), name, source, view))
+            self._answer(self.controller.key(self.controls(view), name, source, view))
             return None
         return self.command(command, source, view, name) if command else None
 
