@@ -194,6 +194,31 @@ async def test_a_video_is_saved_or_cancelled(session: WindowSession) -> None:
     assert not session.user.ended
 
 
+async def test_the_next_task_keeps_the_company(session: WindowSession) -> None:
+    first = GameSetup("multi_agent/10", seats=3, clock=Clock.TURN, max_steps=1, partner="random")
+    played: list[tuple[str, list[str]]] = []
+
+    def play() -> Iterator[None]:
+        view = session.source.view()
+        played.append((view.world.task.name, [seat.kind for seat in view.seats]))
+        while not view.outcome:
+            post(pygame.K_SPACE if session.window.card is None else pygame.K_RETURN)
+            yield from wait(3)
+            view = session.source.view()
+
+    def script() -> Iterator[None]:
+        for _ in range(3):
+            yield from play()
+            yield from wait(90)
+            yield from session.choose("Next task")
+
+    await session.go(script, first)
+    names = ("multi_agent/10", "shifts/01", "shifts/02")
+    for (name, kinds), start, bots in zip(played, names, (2, 1, 2), strict=True):
+        assert name.startswith(start)
+        assert sorted(kinds) == [*["bot"] * bots, "human"], "as many as the task allows"
+
+
 async def test_choose_a_task_and_continue_with_the_next(session: WindowSession) -> None:
     def script() -> Iterator[None]:
         yield

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from robotouille.certification.certificate import load_certificate
-from robotouille.domain.loading import task_names
+from robotouille.domain.loading import load_task, task_names
 from robotouille.domain.rendering import language_of
 from robotouille.episode.rules import Clock
 from robotouille.errors import RobotouilleError
@@ -244,14 +244,15 @@ class LocalGames:
     async def play(self, setup: GameSetup) -> object:
         """Play a task, and play it again or continue with the next one until the player stops."""
         answer: object = MenuChoice.AGAIN
+        seats = setup.seats or setup.load().seats
         while answer in (MenuChoice.AGAIN, MenuChoice.SLOWER, MenuChoice.NEXT):
             if answer == MenuChoice.SLOWER:
                 setup = dataclasses.replace(setup, rate=EASY_RATE)
                 self._ui.settings.rate = EASY_RATE
                 self._ui.remember()
             if answer == MenuChoice.NEXT:
-                # The next task may not allow the same number of players.
-                setup = dataclasses.replace(setup, task=_following(setup.task), seats=None)
+                task = _following(setup.task)
+                setup = dataclasses.replace(setup, task=task, seats=_allowed(task, seats))
             self._ui.splash("Loading …")
             answer = await self._play_once(self._game(setup, self._recordings), setup)
         return answer
@@ -357,3 +358,10 @@ def _following(task: str) -> str:
     names = task_names()
     index = next((i for i, name in enumerate(names) if name.startswith(task)), -1)
     return names[(index + 1) % len(names)]
+
+
+def _allowed(name: str, wanted: int) -> int:
+    """Return the number of players that a task allows, as many as wanted or the next lower one."""
+    task = load_task(name)
+    counts = task.problem.seats or (task.seats,)
+    return max((count for count in counts if count <= wanted), default=min(counts))
