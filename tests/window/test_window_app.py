@@ -52,7 +52,7 @@ SHORT = GameSetup("synchronous/01", clock=Clock.TURN, max_steps=3)
 async def test_game_replay_again_and_quit(session: WindowSession) -> None:
     def script() -> Iterator[None]:
         yield from keys_of(SMALL)
-        assert session.titles == ["Well done!"]
+        assert session.titles == ["Excellent!"]
         words = [row.label for row in session.form.rows]
         assert words[0].startswith("Goal reached in ")
         assert words[1] == "Three stars need at most 16 steps."
@@ -63,12 +63,12 @@ async def test_game_replay_again_and_quit(session: WindowSession) -> None:
         assert any(word.endswith("(you)") for word in words)
         post(pygame.K_e, pygame.K_RETURN)
         yield from wait(2)
-        assert session.titles == ["Well done!"], "who still plays does not answer the card"
+        assert session.titles == ["Excellent!"], "who still plays does not answer the card"
         for _ in range(4):
             yield from wait(24)
             post(pygame.K_e)
         yield from wait(3)
-        assert session.titles == ["Well done!"], "nor does who goes on for a while"
+        assert session.titles == ["Excellent!"], "nor does who goes on for a while"
         yield from wait(60)
         yield from session.choose("Watch the replay")
         yield from wait(5)
@@ -296,7 +296,7 @@ async def test_the_tutorial_ends_with_the_whole_task(session: WindowSession) -> 
         yield from session.choose("Tutorial (two minutes)")
         yield from wait(10)
         yield from keys_of(TUTORIAL)
-        assert session.titles[-1] == "Well done!"
+        assert session.titles[-1] == "Excellent!"
         assert session.remembered.learned
         yield from wait(60)
         yield from session.choose("Play a game")

@@ -115,6 +115,15 @@ def test_cards_show_a_high_latency(size: tuple[int, int]) -> None:
     assert len({near, slow, slower}) == 3
 
 
+@pytest.mark.parametrize(("me", "counts"), [("robot1", False), (None, True)])
+def test_only_those_who_watch_see_rejected_actions(me: str | None, counts: bool) -> None:
+    world, painter = world_of("multi_agent/01"), RecordingPainter(1.0)
+    seat = SeatView("robot1", "ada", actions=9, rejected=3)
+    painter.paint(pygame.Surface((1280, 720)), View(world, world.initial, seats=(seat,), me=me))
+    assert "9 done" in painter.words
+    assert ("3 rejected" in painter.words) is counts
+
+
 def test_latency_words_are_short() -> None:
     assert [latency_words(each) for each in (150, 950, 1000, 12_450)] == [
         "150 ms", "950 ms", "1.0 s", "12.4 s",

@@ -180,13 +180,26 @@ def end_card(
     elif view.farewell is not None:
         rows.append(Words(f"{view.farewell.title}. {view.farewell.text}"))
     rows += [Button(label, answer) for label, answer in buttons]
-    title = "Well done!" if view.won else "Game over" if outcome is None else "Not this time"
-    if view.won and outcome is not None and only_watched(outcome, people):
-        title = "The others did it!"
-    elif rating is not None and not rating.stars:
-        title = "Shift over"
     layout = FormLayout(accent=GOOD if view.won else BAD, shrinks=True)
+    title = _title(view, outcome, rating, people)
     return Form(title, rows, cancel=MenuChoice.MENU, layout=layout)
+
+
+def _title(
+    view: View,
+    outcome: Mapping[str, Any] | None,
+    rating: Rating | None,
+    people: Collection[str],
+) -> str:
+    """Return the title of the card for the end of a game, which follows from the stars."""
+    if not view.won:
+        return "Game over" if outcome is None else "Not this time"
+    if outcome is not None and only_watched(outcome, people):
+        return "The others did it!"
+    if rating is None:
+        return "Well done!"
+    first = "You did it!" if rating.points is None else "Good start!"
+    return ("Shift over", first, "Well done!", "Excellent!")[rating.stars]
 
 
 IDLE = "You only watched this time. Lend a hand to earn stars!"
@@ -275,15 +288,14 @@ def best_words(task: Task) -> str:
 
 
 def _most_words(task: Task, shift: Shift) -> str:
-    """Return the points of planner bots in a shift, and those that nobody can exceed, in words."""
-    bound = shift.bound(task.profile.delay_factor)
-    most = "" if bound is None else f"No more than {bound} points are possible."
+    """Return the points of planner bots in a shift, or else those that nobody can exceed."""
     # Bots earn other points in the `people` timing, where walks are short compared with work.
     points = shift.planner if task.timing is Timing.BENCHMARK else shift.planner_people
     known = points.get(task.seats)
-    if known is None:
-        return most
-    return f"Best known: {known} points. {most}".strip()
+    if known is not None:
+        return f"Best known: {known} points."
+    bound = shift.bound(task.profile.delay_factor)
+    return "" if bound is None else f"No more than {bound} points are possible."
 
 
 REVIEW_BUTTONS = (("Watch the replay", MenuChoice.WATCH), ("Save a video", MenuChoice.VIDEO))

@@ -110,8 +110,10 @@ class SeatCards:
             surface.blit(face, face.get_rect(midleft=(x, card.centery)))
             self._lamp(surface, seat, x + face.get_width(), card)
             x += face.get_width() + size // 3
-        counts = self._counts(surface, card, seat, small) if wide else card.right
-        bottom = counts if wide and seat.rejected else card.right - size // 2
+        # Players retry walks and lose races all the time, so only those who watch see the number.
+        rejected = seat.rejected if view.me is None else 0
+        counts = self._counts(surface, card, seat, rejected, small) if wide else card.right
+        bottom = counts if wide and rejected else card.right - size // 2
         if seat.latency_ms >= _SLOW_MS:
             counts = self._latency(surface, card, seat, min(counts, card.right - 6), layout)
         name = (seat.name or seat.player) + (" (you)" if mine else "")
@@ -184,15 +186,17 @@ class SeatCards:
         left = round(whole * 0.1)
         return picture.subsurface((left, 0, whole - 2 * left, min(side, whole)))
 
-    def _counts(self, surface: pygame.Surface, card: pygame.Rect, seat: SeatView, size: int) -> int:
+    def _counts(
+        self, surface: pygame.Surface, card: pygame.Rect, seat: SeatView, rejected: int, size: int
+    ) -> int:
         """Draw how many actions were applied and rejected. Return their left edge."""
         right = card.right - size // 2
         words = self._text.line(f"{seat.actions} done", size, GOOD)
         place = words.get_rect(topright=(right, card.y + size // 2))
         surface.blit(words, place)
-        if not seat.rejected:
+        if not rejected:
             return place.left
-        words = self._text.line(f"{seat.rejected} rejected", size, BAD)
+        words = self._text.line(f"{rejected} rejected", size, BAD)
         below = words.get_rect(topright=(right, place.bottom + 3))
         surface.blit(words, below)
         return min(place.left, below.left)
