@@ -222,8 +222,8 @@ def steps(
     rows: list[StepsLeft] = []
     try:
         found = distances(recording, expansions, deadline)
-        if json_output or not sys.stdout.isatty():
-            found = with_progress(found, recording.length)
+        printed = not json_output and sys.stdout.isatty()
+        found = with_progress(found, recording.length, printed=printed)
         frames = chain((None,), recording.each_step())
         for frame, row in zip(frames, found, strict=True):
             rows.append(row)

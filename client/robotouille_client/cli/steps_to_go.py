@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import time
+import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict
 from typing import Any
 
 from rich.console import Console
 
 from robotouille.certification.certificate import Deadline
+from robotouille.certification.step_limit import retimed_length
+from robotouille.domain.loading import shipped_task
 from robotouille.domain.task import Timing
 from robotouille.planning.steps_to_go import Range, StepsLeft, quotient
 from robotouille.replay.recording import Recording
@@ -21,26 +23,32 @@ PATIENCE = 2.0
 
 @contextmanager
 def _late_status() -> Iterator[Callable[[str], None]]:
-    """Yield a function that shows progress on stderr once the context has lasted for a while."""
-    began, status = time.monotonic(), Console(stderr=True).status("")
-
-    def show(words: str) -> None:
-        if time.monotonic() - began > PATIENCE:
-            status.update(words)
-            status.start()
-
+    """Yield a function that sets the progress, which stderr shows after a while."""
+    status = Console(stderr=True).status("")
+    # A single search, or compiling the planner, can take minutes, so another thread begins.
+    timer = threading.Timer(PATIENCE, status.start)
+    timer.daemon = True
+    timer.start()
     try:
-        yield show
+        yield status.update
     finally:
+        timer.cancel()
+        timer.join()
         status.stop()
 
 
-def with_progress(found: Iterator[StepsLeft], length: int) -> Iterator[StepsLeft]:
-    """Yield the results for steps 0 to `length`, and show progress after a while."""
-    with _late_status() as show:
+def with_progress(found: Iterator[StepsLeft], length: int, *, printed: bool) -> Iterator[StepsLeft]:
+    """Yield the results for steps 0 to `length`, and show progress after a while.
+
+    Args:
+        printed: True if each result is printed. Progress is then shown only in between.
+    """
+    with nullcontext() if printed else _late_status() as whole:
         for step in range(length + 1):
-            show(f"step {step} of {length}")
-            yield next(found)
+            with _late_status() if whole is None else nullcontext(whole) as show:
+                show(f"step {step} of {length}")
+                row = next(found)
+            yield row
 
 
 def all_steps_to_go(
@@ -104,10 +112,15 @@ def step_text(recording: Recording, frame: dict[str, Any] | None, row: StepsLeft
 def summary(recording: Recording, rows: Sequence[StepsLeft]) -> Iterator[str]:
     """Yield the lines below the steps."""
     yield ""
-    if recording.task.timing is not Timing.BENCHMARK:
-        yield "Steps to go ignore the longer delays of this recording's timing."
+    timing = recording.task.timing
+    played = timing is Timing.BENCHMARK
+    ideal = "" if played else " in the timing benchmark, as all steps to go: its delays are shorter"
     yield f"steps taken             {len(rows) - 1}"
-    yield f"fewest possible         {_left(rows[0])}"
+    yield f"fewest possible         {_left(rows[0])}{ideal}"
+    shipped = None if played else shipped_task(recording.task)
+    known = None if shipped is None else retimed_length(shipped)
+    if known is not None:
+        yield f"best known              {known} in the timing {timing}, as played"
     yield f"optimality rate         {_range(_rate(recording, rows))}"
     out_of_reach = "the goal is out of reach" if rows[-1].dead else ""
     yield f"normalized steps to go  {out_of_reach or _range(quotient(rows[-1], rows[0]))}"

@@ -12,7 +12,13 @@ from typing import Any
 from robotouille.domain.json_files import as_in_file, read_json, validate
 from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.domain.task import Task, Timing, build_task, read_domain
-from robotouille.errors import Fault, FileError, UnknownTaskError, WrongArgumentError
+from robotouille.errors import (
+    Fault,
+    FileError,
+    RobotouilleError,
+    UnknownTaskError,
+    WrongArgumentError,
+)
 from robotouille.files.reading import content_kind, is_file
 from robotouille.installation import GENERATED, data_folder, matching_names, shipped_names
 
@@ -91,6 +97,15 @@ def load_task(
         )
     except FileError as error:
         raise FileError(error.file, as_in_file(error.faults, raw)) from None
+
+
+def shipped_task(task: Task) -> Task | None:
+    """Return the shipped task with a task's name and content, or None."""
+    try:
+        shipped = load_task(task.name, seats=task.seats, timing=task.timing, files=False)
+    except (RobotouilleError, OSError):
+        return None
+    return shipped if shipped.digest == task.digest else None
 
 
 def _title(path: Path) -> str:

@@ -11,7 +11,7 @@ import pygame
 from robotouille.certification.certificate import load_certificate
 from robotouille.certification.stars import StarLimits, score_limits, star_limits
 from robotouille.certification.step_limit import retimed_length
-from robotouille.domain.loading import load_task
+from robotouille.domain.loading import load_task, shipped_task
 from robotouille.domain.schema import Shift
 from robotouille.domain.task import Task, Timing
 from robotouille.errors import RobotouilleError
@@ -254,15 +254,6 @@ def only_watched(outcome: Mapping[str, Any], people: Collection[str]) -> bool:
     """Return whether some players did nothing in a game that has ended."""
     rows = [row for row in outcome.get("seats", ()) if row.get("player") in people]
     return bool(rows) and not any(row.get("acted") for row in rows)
-
-
-def shipped_task(task: Task) -> Task | None:
-    """Return the shipped task with a task's name and content, or None."""
-    try:
-        shipped = load_task(task.name, seats=task.seats, timing=task.timing)
-    except (RobotouilleError, OSError):
-        return None
-    return shipped if shipped.digest == task.digest else None
 
 
 def best_words(task: Task) -> str:

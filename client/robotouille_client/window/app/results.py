@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any
 
+from robotouille.domain.loading import shipped_task
 from robotouille.domain.task import Task, Timing
-from robotouille_client.window.app.game_cards import only_watched, rate_game, shipped_task
+from robotouille_client.window.app.game_cards import only_watched, rate_game
 from robotouille_client.window.app.settings import Settings
 from robotouille_client.window.sources.texts import points_of
 
