@@ -27,16 +27,13 @@ def meaning(state: State, me: str, action: GroundAction) -> Meaning:
 
 def foreseen(state: State, me: str, action: GroundAction | None = None) -> State:
     """Return the state after a player's action, or after the current one, if nobody else acts."""
-    if action is not None:
-        valid = action in state.actions(me)
-        # A walk to an occupied station is not valid yet.
-        state = state.step([action]).state if valid else _forced(state, action)
+    if action is not None and action in state.actions(me):
+        state = state.step([action]).state
+    elif action is not None and action.destination is not None:
+        # A walk to an occupied station is not valid yet. Other invalid actions do nothing.
+        state = State(state.world, facts_after(state, action), state.timers, state.orders)
     for _ in range(MAX_STEPS):
         if not state.busy_steps(me):
             break
         state = state.step([]).state
     return state
-
-
-def _forced(state: State, action: GroundAction) -> State:
-    return State(state.world, facts_after(state, action), state.timers, state.orders)
