@@ -251,7 +251,7 @@ class _Person(GameSource):
         self._bubbles: tuple[Bubble, ...] = ()
         self._sent: list[GroundAction] = []
         self._pending: GroundAction | None = None
-        self._input = InputController(KeyMap(), lambda: self._time)
+        self._input = InputController(KeyMap(), lambda: self._time, foresees=False)
         self._writer = StateWriter(state.world)
 
     def act(self, action: GroundAction) -> None:

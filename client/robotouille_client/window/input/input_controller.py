@@ -40,11 +40,15 @@ class InputController:
     """Commands, clicks and domain keys of the local player.
 
     `choices` are the actions in the open list; None while the list is closed.
+
+    Args:
+        foresees: Drop keys that mean something else when their turn comes. The browser client
+            does not, because it cannot simulate steps.
     """
 
-    def __init__(self, keys: KeyMap, clock: Callable[[], float]) -> None:
+    def __init__(self, keys: KeyMap, clock: Callable[[], float], *, foresees: bool = True) -> None:
         self.keys = keys
-        self.queue = ActionQueue(clock)
+        self.queue = ActionQueue(clock, foresees=foresees)
         self.choices: tuple[GroundAction, ...] | None = None
         self.chosen = 0
         self._clock = clock
@@ -338,8 +342,9 @@ class Sent:
 class ActionQueue:
     """Queue that sends one action at a time."""
 
-    def __init__(self, clock: Callable[[], float]) -> None:
+    def __init__(self, clock: Callable[[], float], *, foresees: bool = True) -> None:
         self._clock = clock
+        self._foresees = foresees
         self._waiting: list[Intent] = []
         self._sent: Sent | None = None
         self._label = ""
@@ -463,7 +468,7 @@ class ActionQueue:
                 return ""
         if len(self._waiting) >= MAX_QUEUED:
             return f"{MAX_QUEUED} actions are queued already"
-        meant = self._meant(intent, view) if intent.follows else None
+        meant = self._meant(intent, view) if intent.follows and self._foresees else None
         self._waiting.append(dataclasses.replace(intent, meant=meant))
         return ""
 

@@ -18,9 +18,11 @@
  * }} Intent Input that is resolved to an action when its turn comes. It `follows` if it is meant
  *   for the station that the walk before it leads to.
  * @typedef {"asked" | "done" | "rejected"} Fate
- * @typedef {{action: Action, time: number, fate: Fate, state: State | null}} Sent The last action
- *   that was sent, with the time in seconds when it was sent, or when its result was known, and the
- *   state in which it was sent.
+ * @typedef {{
+ *   action: Action, time: number, fate: Fate, state: State | null, works: boolean,
+ * }} Sent The last action that was sent, with the time in seconds when it was sent, or when its
+ *   result was known, and the state in which it was sent. It `works` if it takes up and puts down
+ *   nothing, such as cutting.
  * @typedef {{label: string, action: Action, until: number}} Retry Walk to an occupied station that
  *   is repeated until a time.
  */
@@ -65,6 +67,9 @@ export class ActionQueue {
     /** @type {number | null} When a walk failed. */
     this._failedAt = null;
     this._untold = "";
+    /** @type {number | null} When the use key was pressed last. */
+    this._usedAt = null;
+    this._tickedAt = game.now();
     /** @type {{key: string, since: number, intent: Intent} | null} The direction that is held. */
     this._held = null;
   }
@@ -101,8 +106,11 @@ export class ActionQueue {
   use(controls, key, view) {
     const follows = !controls.keys.includes(key) || controls.isForPlaces(key);
     // The action is chosen when its turn comes, because the state may change until then.
+    const repeats = this._repeatsUse;
+    this._usedAt = this._game.now();
     /** @type {Intent["resolve"]} */
-    const resolve = (state, me, moment) => this._guarded(controls, key, state, me, moment);
+    const resolve = (state, me, moment) =>
+      this._guarded(controls, key, repeats, state, me, moment);
     return this.ask({ label: key ? keyWords(key) : "use", resolve, follows }, view);
   }
 
@@ -153,11 +161,21 @@ export class ActionQueue {
     return shown ? sent : null;
   }
 
-  /** Objects of an action that was done a moment ago; none after a walk. */
-  get justUsed() {
+  /** True shortly after the use key, when another press may be one too many. */
+  get _repeatsUse() {
+    return this._usedAt !== null && this._game.now() - this._usedAt < QUICK_SECONDS;
+  }
+
+  /**
+   * Return the objects that the use key must leave, because it would undo the last action.
+   * @param {boolean} repeats True shortly after another press. Only then, taking up what the player
+   *   has worked on counts as one press too many: it is the natural next action.
+   */
+  _justUsed(repeats) {
     const sent = this._sent;
     if (sent?.fate !== "done" || sent.action.destination !== null) return new Set();
-    return new Set(this._game.now() - sent.time < GUARD_SECONDS ? sent.action.args : []);
+    const recent = this._game.now() - sent.time < GUARD_SECONDS && (repeats || !sent.works);
+    return new Set(recent ? sent.action.args : []);
   }
 
   /** True if no action is queued or awaits its result. */
@@ -217,6 +235,10 @@ export class ActionQueue {
    * @param {View} view
    */
   tick(view) {
+    const now = this._game.now();
+    // A pause does not use up the patience.
+    if (view.frozen && this._retry) this._retry.until += now - this._tickedAt;
+    this._tickedAt = now;
     const notice = this._next(view) || this._untold;
     this._untold = "";
     const held = this._held;
@@ -300,7 +322,8 @@ export class ActionQueue {
 
   /** @param {Action} action @param {State} state */
   _send(action, state) {
-    this._sent = { action, time: this._game.now(), fate: "asked", state };
+    const works = !handled(state, action.player ?? "", action).size;
+    this._sent = { action, time: this._game.now(), fate: "asked", state, works };
     this._game.act(action);
   }
 
@@ -325,17 +348,18 @@ export class ActionQueue {
   /**
    * Resolve the use key, so that one press too many does not undo the last action. In games that
    * wait for decisions, waiting is one of them.
-   * @param {Controls} controls @param {string} key @param {State} state @param {string} me
-   * @param {View} view @returns {Resolved}
+   * @param {Controls} controls @param {string} key @param {boolean} repeats
+   * @param {State} state @param {string} me @param {View} view @returns {Resolved}
    */
-  _guarded(controls, key, state, me, view) {
+  _guarded(controls, key, repeats, state, me, view) {
     let resolved = controls.use(state, me, key);
     if (resolved.hint === WAIT && (view.stepSeconds ?? null) === null) {
       const wait = controls.possible(state, me).find(isIdle) ?? null;
       resolved = { action: wait, hint: WAIT, valid: wait !== null, advice: false };
     }
     if (!resolved.action || !resolved.valid) return resolved;
-    const again = [...handled(state, me, resolved.action)].some((name) => this.justUsed.has(name));
+    const used = this._justUsed(repeats);
+    const again = [...handled(state, me, resolved.action)].some((name) => used.has(name));
     return again ? { action: null, hint: GUARDED, valid: false, advice: false } : resolved;
   }
 }
