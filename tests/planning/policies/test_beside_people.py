@@ -15,6 +15,7 @@ from robotouille.planning.beam.planner import UNSOLVED_FACTOR, BeamPlanner, Solu
 from robotouille.planning.beam.remaining_work_heuristic import GoalPart
 from robotouille.planning.plan import Plan
 from robotouille.planning.policies import PlannerPolicy
+from robotouille.planning.policies.making_way import MakingWay
 from robotouille.planning.policies.policy import Did
 from robotouille.planning.policies.skill import SKILLS
 from robotouille.planning.policies.standing import (
@@ -192,6 +193,16 @@ def test_bot_that_plans_makes_way(monkeypatch: pytest.MonkeyPatch) -> None:
     action = bench.decide()
     assert action is not None
     assert action in walks_out_of_the_way(bench.state, "robot1")
+
+
+def test_bot_that_makes_way_stays_near() -> None:
+    state = World(load_task("shifts/02@2", timing="people")).initial
+    way = MakingWay("robot2", random.Random(0))
+    walk = way.step_aside(state)
+    assert walk is not None
+    places = walks_out_of_the_way(state, "robot2")
+    assert len({each.duration for each in places}) > 1
+    assert walk.duration == min(each.duration for each in places)
 
 
 @pytest.mark.slow

@@ -28,7 +28,7 @@ def with_others_aside(state: State, others: Iterable[str]) -> State:
 
 
 def put_down(state: State, player: str) -> Sequence[GroundAction]:
-    """Return a walk and an action with which a player puts down everything on an empty station.
+    """Return a walk and an action with which a player puts down everything on a near empty station.
 
     Return nothing if the player's hands are empty or there is no such station.
     """
@@ -37,7 +37,7 @@ def put_down(state: State, player: str) -> Sequence[GroundAction]:
     if is_out_of_the_way(state, player):
         for action in _frees_hands(state, player):
             return (action,)
-    for walk in walks_out_of_the_way(state, player):
+    for walk in sorted(walks_out_of_the_way(state, player), key=lambda walk: walk.duration):
         for action in _frees_hands(after(state, walk), player):
             return walk, action
     return ()

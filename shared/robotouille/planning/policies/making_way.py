@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 
 from robotouille.planning.policies.aside import after, held_by, put_down
 from robotouille.planning.policies.plan_watch import facts_apart_from
@@ -25,8 +25,8 @@ class MakingWay:
         waited: Number of steps for which the seat has waited.
 
     Args:
-        rng: Source of the places to go to. They are random, because two bots would otherwise step
-            aside to the same one.
+        rng: Source of the places to go to. Places that are equally near are chosen at random,
+            because two bots would otherwise step aside to the same one.
     """
 
     def __init__(self, player: str, rng: random.Random) -> None:
@@ -49,9 +49,8 @@ class MakingWay:
         return facts_apart_from({*team, *self._laid_down}, state) == self._elsewhere
 
     def step_aside(self, state: State) -> GroundAction | None:
-        """Return a walk to an empty place, or None if the seat is at one."""
-        walks = walks_aside(state, self._player)
-        return self._random.choice(walks) if walks else None
+        """Return a short walk to an empty place, or None if the seat is at one."""
+        return self._shortest(walks_aside(state, self._player))
 
     def act(self, state: State, team: Collection[str], *, hurried: bool) -> GroundAction | None:
         """Return what to do after some steps of waiting: step aside, then put down what is held."""
@@ -62,5 +61,11 @@ class MakingWay:
                 apart = {*team, *self._laid_down}
                 self._elsewhere = facts_apart_from(apart, after(state, action))
                 return action
-        walks = walks_out_of_the_way(state, self._player) if self.waited >= POLITE else []
-        return self._random.choice(walks) if walks else None
+        if self.waited < POLITE:
+            return None
+        return self._shortest(walks_out_of_the_way(state, self._player))
+
+    def _shortest(self, walks: Sequence[GroundAction]) -> GroundAction | None:
+        shortest = min((walk.duration for walk in walks), default=0)
+        near = [walk for walk in walks if walk.duration == shortest]
+        return self._random.choice(near) if near else None
