@@ -23,6 +23,7 @@ from robotouille_client.window.input.controls import (
     Controls,
     ResolvedInput,
     ends_work,
+    facts_after,
     handled,
     possible,
     use,
@@ -580,8 +581,7 @@ class ActionQueue:
 
 def _repeats(action: GroundAction, view: View) -> bool:
     """Return whether an action can be done again at once, such as cutting."""
-    after = (view.state.facts | action.touched) ^ action.removed
-    return after & action.tested == action.required
+    return facts_after(view.state, action) & action.tested == action.required
 
 
 def _has_arrived(action: GroundAction, view: View) -> bool:
