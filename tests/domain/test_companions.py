@@ -143,7 +143,7 @@ def test_missing_pictures(tmp_path: Path) -> None:
     }
     write(tmp_path, "small.rendering.json", own)
     (tmp_path / "mine").mkdir()
-    (tmp_path / "mine/leek.svg").write_text("<svg/>")
+    (tmp_path / "mine/leek.svg").write_text('<svg viewBox="0 0 9 9"/>')
     place = "item.entities.leek.assets.cut"
     said = "there is no picture 'rings.svg' in "
     (about_looks, about_peel) = findings(task_in(tmp_path))
@@ -176,6 +176,20 @@ def test_pictures_that_cannot_be_drawn(tmp_path: Path) -> None:
         "4096 × 4096 are drawn",
         "cut: the picture 'text.png' cannot be drawn: it is neither SVG nor PNG",
     ]
+
+
+def test_pictures_that_a_server_would_refuse_are_not_drawn_from_a_folder_either(
+    tmp_path: Path,
+) -> None:
+    picture = {"extends": "robotouille", "assets": "mine", "floor": {"wall": "bomb.svg"}}
+    write(tmp_path, "small.rendering.json", picture)
+    (tmp_path / "mine").mkdir()
+    bomb = '<!DOCTYPE svg [<!ENTITY a "aaaa">]><svg viewBox="0 0 9 9">&a;</svg>'
+    (tmp_path / "mine/bomb.svg").write_text(bomb)
+    words = "it declares a document type, which pictures may not do"
+    assert findings(task_in(tmp_path))[0].endswith(
+        f"floor.wall: the picture 'bomb.svg' cannot be drawn: {words}"
+    )
 
 
 def test_faults_of_all_files_are_reported_at_once(tmp_path: Path) -> None:

@@ -138,7 +138,7 @@ def test_unknown_kinds_are_reported(tmp_path: Path) -> None:
     task = load_task(write(tmp_path, "problem.json", {**PROBLEM, "domain": "small"}))
     write(tmp_path, "other.json", {**PROBLEM, "objects": {"item": [{"name": "cress"}]}})
     (tmp_path / "mine").mkdir()
-    (tmp_path / "mine/leek.svg").write_text("<svg/>")
+    (tmp_path / "mine/leek.svg").write_text('<svg viewBox="0 0 9 9"/>')
     kinds = ("leek", "leeek", "cress", "xylophone")
     entities = {kind: {"assets": "leek.svg"} for kind in kinds}
     write(tmp_path, "small.rendering.json", {"assets": "mine", "item": {"entities": entities}})

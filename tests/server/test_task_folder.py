@@ -280,7 +280,7 @@ def test_invalid_picture_is_reported(bistro: Path) -> None:
 def test_huge_picture_is_not_read(bistro: Path) -> None:
     picture = next((bistro / "bistro").glob("*.png"))
     os.truncate(picture, 16_777_217)
-    with pytest.raises(TaskFolderError, match=f"{picture.name}: it has more than 16,777,216 bytes"):
+    with pytest.raises(TaskFolderError, match=f"{picture.name}: has more than 16,777,216 bytes"):
         read_task_folder(bistro)
 
 

@@ -169,6 +169,16 @@ def test_elaborate_pictures_are_drawn_small_and_scaled(
     assert 1990 * side**2 <= MAX_DRAWN
 
 
+def test_dashes_of_local_pictures_are_not_drawn(tmp_path: Path) -> None:
+    """A kilobyte of tiny dashes on a long line used up the memory."""
+    (tmp_path / "a.svg").write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32">'
+        '<path stroke="#010203" stroke-width="32" stroke-dasharray="8" d="M0 16 H32"/></svg>'
+    )
+    picture = Sprites((tmp_path,), Typesetter()).file("a.svg", SIDE)
+    assert {tuple(picture.get_at((x, 16))) for x in range(SIDE)} == {(1, 2, 3, 255)}
+
+
 def test_shipped_pictures_are_sharp() -> None:
     # The title in the folder above is drawn in one size only.
     pictures = data_folder("assets").glob("*/*.svg")

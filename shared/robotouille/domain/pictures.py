@@ -14,6 +14,7 @@ from xml.sax.saxutils import quoteattr
 
 from robotouille.errors import RobotouilleError
 from robotouille.files.reading import open_regular
+from robotouille.installation import data_folder
 
 MAX_PICTURE_BYTES = 256 * 1024
 MAX_SIDE = 1024
@@ -55,25 +56,27 @@ def plain_png(content: bytes) -> bytes:
 def read_picture(path: Path) -> bytes:
     """Return the content of a local picture, PNG or SVG.
 
-    It may be larger than pictures from elsewhere, but some bytes of a PNG can announce gigabytes
-    of pixels.
+    A PNG may be larger than pictures from elsewhere, but some bytes of it can announce gigabytes
+    of pixels. An SVG that is not shipped is reduced to what `plain_svg` keeps, because a short one
+    can use up the memory.
 
     Raises:
         OSError: The file cannot be read.
-        PictureError: It is not a picture, or is too large.
+        PictureError: It is not a picture, or is not accepted.
     """
     with open_regular(path) as file:
         content = file.read(MAX_LOCAL_BYTES + 1)
     if len(content) > MAX_LOCAL_BYTES:
-        raise PictureError(f"it has more than {MAX_LOCAL_BYTES:,} bytes")
+        raise PictureError(f"has more than {MAX_LOCAL_BYTES:,} bytes")
     if path.suffix == ".svg":
-        return content
+        shipped = path.resolve().is_relative_to(data_folder("assets").resolve())
+        return content if shipped else plain_svg(content)
     if not content.startswith(SIGNATURE + b"\0\0\0\rIHDR") or len(content) < 24:
-        raise PictureError("it is neither SVG nor PNG")
+        raise PictureError("is neither SVG nor PNG")
     width, height = struct.unpack(">II", content[16:24])
     if not (0 < width <= MAX_LOCAL_SIDE and 0 < height <= MAX_LOCAL_SIDE):
         most = f"at most {MAX_LOCAL_SIDE} × {MAX_LOCAL_SIDE} are drawn"
-        raise PictureError(f"it has {width} × {height} pixels; {most}")
+        raise PictureError(f"has {width} × {height} pixels; {most}")
     return content
 
 
@@ -84,7 +87,7 @@ def picture_fault(path: Path) -> str:
     except OSError as error:
         return error.strerror or str(error)
     except PictureError as error:
-        return str(error)
+        return f"it {error}"
     return ""
 
 
