@@ -18,7 +18,7 @@ from robotouille.errors import MissingExtraError, RobotouilleError
 from robotouille.files.reading import read_text
 from robotouille.files.writing import check_file
 from robotouille.terminal import options_from, printable, tell
-from robotouille_client.console import explain, fail, name_and_value
+from robotouille_client.console import explain, fail, name_and_value, unicode
 from robotouille_client.console.progress import progress_bar
 from robotouille_data.cluster_watching import ClusterOptions, fetching, watched_folders
 
@@ -236,7 +236,8 @@ class SqlOptions:
 @data.command()
 @options_from(SqlOptions)
 def sql(
-    query: Annotated[str, typer.Argument(help="A read-only query in SQL.")], options: SqlOptions
+    query: Annotated[str, typer.Argument(callback=unicode, help="A read-only query in SQL.")],
+    options: SqlOptions,
 ) -> None:
     """Print the answer to a query, write it to files, or draw it.
 
@@ -294,7 +295,10 @@ def report(
     options: ReportFlags,
     query: Annotated[
         str | None,
-        typer.Argument(help="SQL with a column `id` or `episode_id`. Default: all episodes."),
+        typer.Argument(
+            callback=unicode,
+            help="SQL with a column `id` or `episode_id`. Default: all episodes.",
+        ),
     ] = None,
 ) -> None:
     """Compare episodes by a label on one HTML page: outcomes, activities, time lines and chat.
@@ -342,7 +346,11 @@ class ExportFlags(CardFlags):
     folder: FolderOption = Path()
     database: DatabaseOption = None
     query: Annotated[
-        str, typer.Option(help="SQL with a column `id` or `episode_id`. Default: all episodes.")
+        str,
+        typer.Option(
+            callback=unicode,
+            help="SQL with a column `id` or `episode_id`. Default: all episodes.",
+        ),
     ] = ""
     label: LabelOption = None
     consent: Annotated[

@@ -21,7 +21,7 @@ from robotouille.html_report.figures import (
     label_rows,
     short_label,
 )
-from robotouille.terminal import printable, spreadsheet_cell
+from robotouille.terminal import csv_cell, printable
 from robotouille_data.database import CatalogueError
 from robotouille_data.query import QueryAnswer
 
@@ -227,7 +227,7 @@ def _shown(value: Any) -> str:
 def _inert(value: Any) -> Any:
     if isinstance(value, Decimal):
         return _digits(value)
-    return spreadsheet_cell(value) if isinstance(value, str) else value
+    return csv_cell(value) if isinstance(value, str) else value
 
 
 def _digits(number: Decimal) -> str:

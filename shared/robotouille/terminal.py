@@ -57,6 +57,12 @@ def spreadsheet_cell(text: str) -> str:
     return f"'{text}" if re.match(FORMULA, text) else text
 
 
+def csv_cell(text: str) -> str:
+    """Return the text for a CSV file: inert, and with line feeds as the only line ends."""
+    # Python's writer does not quote carriage returns, so readers would begin a new row at each.
+    return spreadsheet_cell(re.sub(r"\r\n?", "\n", text))
+
+
 def _escaped(line: str) -> str:
     return "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in line)
 

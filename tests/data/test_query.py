@@ -242,6 +242,13 @@ def test_csv_json_and_parquet_contain_all_rows(filled: str, tmp_path: Path) -> N
     assert polars.read_parquet(saved(save_parquet, "a.parquet")).rows() == ROWS
 
 
+def test_carriage_return_in_a_csv_cell_begins_no_row(tmp_path: Path) -> None:
+    rows = [("a\r=1+1\rb", 1), ("c\r\nd", 2)]
+    save_csv(QueryAnswer(("text", "number"), iter(rows)), tmp_path / "a.csv")
+    with (tmp_path / "a.csv").open(newline="") as file:
+        assert list(csv.reader(file))[1:] == [["a\n=1+1\nb", "1"], ["c\nd", "2"]]
+
+
 def test_csv_marks_texts_that_look_like_formulas(tmp_path: Path) -> None:
     rows = [("=1+1", -1), ("\t@x", 2), (" -3", None), ("a=b", 4.5)]
     assert save_csv(QueryAnswer(("+a", "b"), iter(rows)), tmp_path / "a.csv") == len(rows)

@@ -7,6 +7,7 @@ import socket
 from pathlib import Path
 
 import pytest
+from mcp import MCPError
 
 from robotouille.web.bounded_requests import MAX_HEAD_LINES
 from robotouille_client.mcp_server import http
@@ -37,6 +38,24 @@ async def test_stopped_service_answers_waiting_calls(tmp_path: Path) -> None:
             await serving_http
         (room,) = server.lobby.rooms.values()
         assert not room.members
+
+
+async def test_failed_requests_fill_no_log(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with serving(tmp_path) as server:
+        games = OpenGames(server.url)
+        app = http_app(mcp_server(lambda: games), games, idle_seconds=600)
+        with listening_socket("127.0.0.1", 0) as listening:
+            service = HttpService(app, games)
+            serving_http = asyncio.create_task(service.serve(sockets=[listening]))
+            async with over(f"http://127.0.0.1:{listening.getsockname()[1]}{PATH}") as ada:
+                with pytest.raises(MCPError, match="error"):
+                    await ada.client.get_prompt("no such prompt")
+            service.should_exit = True
+            await serving_http
+    assert not [record for record in caplog.records if record.name.startswith("mcp.server")]
+    assert not [record for record in caplog.records if record.name.startswith("mcp.shared")]
 
 
 HEAD = b"POST /mcp HTTP/1.1\r\nhost: 127.0.0.1\r\ncontent-length: 50\r\n\r\n{"

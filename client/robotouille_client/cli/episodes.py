@@ -22,7 +22,7 @@ from robotouille.files.reading import read_bytes
 from robotouille.files.writing import check_file, whole_file
 from robotouille.protocol import messages
 from robotouille.replay.file_names import iso_time
-from robotouille.terminal import printable, spreadsheet_cell, tell
+from robotouille.terminal import csv_cell, printable, tell
 from robotouille_client.client import DEFAULT_URL, Client, connect
 from robotouille_client.console import TokenOption, explain, fail, failing, name_and_value
 
@@ -209,8 +209,7 @@ def listed_row(info: messages.EpisodeInfo, now: datetime) -> dict[str, Any]:
     }
     # Names come from participants, and a spreadsheet must not run them as formulas.
     return {
-        name: spreadsheet_cell(value) if isinstance(value, str) else value
-        for name, value in row.items()
+        name: csv_cell(value) if isinstance(value, str) else value for name, value in row.items()
     }
 
 
@@ -319,7 +318,7 @@ def open_(
             signed = {f"token.{player}": each for player, each in created.tokens.items()}
             signed |= {f"link.{p}": f"{site}#{each}" for p, each in created.links.items()}
             names = {"code": created.code, "episode": created.episode}
-            made = {name: spreadsheet_cell(value) for name, value in {**names, **signed}.items()}
+            made = {name: csv_cell(value) for name, value in {**names, **signed}.items()}
             opened.append({**rows[at], **made})
 
         async def create(line: int, request: messages.Create) -> messages.Created:

@@ -282,7 +282,7 @@ class HttpService(uvicorn.Server):
                 app,
                 http=cast("Any", partial(_Impatient, _OpenConnections())),
                 backlog=ACCEPTED_AT_ONCE,
-                log_level="error",  # Strangers can cause warnings at will.
+                log_level="critical",  # Strangers can cause warnings and errors at will.
                 access_log=False,
                 server_header=False,
                 # Connections that were replaced still count for a moment.

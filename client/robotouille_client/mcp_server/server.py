@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import functools
 import json
+import logging
 import os
 import signal
 import threading
@@ -77,14 +78,16 @@ def mcp_server(make_games: Callable[[], OpenGames]) -> MCPServer[OpenGames]:
         async with make_games().running() as games:
             yield games
 
+    # The library logs every refused request with its headers, and every failed one, such as that of
+    # an unknown prompt, with a coloured traceback. Printing takes up to a second, during which no
+    # game is served. Clients receive the error.
+    logging.getLogger("mcp").setLevel(logging.CRITICAL)
     server = MCPServer(
         "robotouille",
         title="Robotouille",
         instructions=INSTRUCTIONS,
         version=VERSION,
         lifespan=lifespan,
-        # The library warns about every refused request and quotes its headers, control characters
-        # included. Printing a header of 8 KiB takes a second, during which no game is served.
         log_level="ERROR",
         subscriptions=False,
     )

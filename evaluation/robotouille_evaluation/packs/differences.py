@@ -304,6 +304,8 @@ def _optimum(task: PackTask, instances: Sequence[PackInstance]) -> str:
 
 
 def _budget(pack: Pack, instances: Sequence[PackInstance]) -> str:
+    if not instances:
+        return ""
     try:
         return str(pack.budget(instances[0], "published").max_steps)
     except RobotouilleError:

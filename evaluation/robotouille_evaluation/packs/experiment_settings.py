@@ -72,7 +72,8 @@ def setting_faults(agent: str, settings: Mapping[str, Any]) -> list[str]:
 
 def _faults(model: type[BaseModel], value: object, *place: Literal["llm"]) -> list[str]:
     try:
-        model.model_validate(value)
+        # The run uses the values as they are, so a text such as "no" must not pass as false.
+        model.model_validate(value, strict=True)
     except ValidationError as error:
         found = error.errors(include_url=False)
         return [f"{'.'.join(map(str, (*place, *each['loc'])))}: {each['msg']}" for each in found]

@@ -10,6 +10,7 @@ import signal
 import sys
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,7 @@ from robotouille_evaluation.metrics.rows import Optimum, ResultRow
 from robotouille_evaluation.metrics.trajectory import Trajectory
 from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.runs.execute import distance_in, known_optimum, world_of
+from robotouille_evaluation.runs.folder import DEAD_PROCESS
 
 STEPS_TO_GO = ("to_go_least", "to_go_most", "out_of_reach")
 """Measures that are added."""
@@ -92,8 +94,11 @@ def remeasure(
     with _workers(processes, pack, run) as pool:
         with _interrupts_blocked():
             futures = [pool.submit(_result_elsewhere, row) for row in rows]
-        for future in as_completed(futures):
-            yield future.result()
+        try:
+            for future in as_completed(futures):
+                yield future.result()
+        except BrokenProcessPool:
+            raise RobotouilleError(DEAD_PROCESS) from None
 
 
 def _result(row: ResultRow, pack: Pack, run: Path) -> Remeasured:

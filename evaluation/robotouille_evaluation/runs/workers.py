@@ -6,6 +6,7 @@ import asyncio
 import signal
 from collections.abc import Awaitable, Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,7 +19,7 @@ from robotouille_evaluation.models import Model
 from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.packs.store import read_pack
 from robotouille_evaluation.runs.execute import RunContext, play_job
-from robotouille_evaluation.runs.folder import RunFolder, RunPlan
+from robotouille_evaluation.runs.folder import DEAD_PROCESS, RunFolder, RunPlan
 from robotouille_evaluation.runs.job_list import EpisodeJob
 
 MakeModel = Callable[[EpisodeJob], Awaitable[Model]]
@@ -76,7 +77,10 @@ async def run_jobs(
             plan.model_dump_json(exclude={"jobs"}),
             str(folder.path),
         )
-        text = await loop.run_in_executor(executor, _play_elsewhere, *arguments)
+        try:
+            text = await loop.run_in_executor(executor, _play_elsewhere, *arguments)
+        except BrokenProcessPool:
+            raise RobotouilleError(DEAD_PROCESS) from None
         _finish(folder, job, ResultRow.model_validate_json(text), finished)
 
     with folder.playing():
