@@ -237,6 +237,12 @@ def test_team_returns_to_its_first_goal_once_others_make_way(
     assert verdict == last
 
 
+def test_goal_that_no_place_of_others_prevents_is_not_tried_in_each_step() -> None:
+    first = TeamPlan(Plan(()), KITCHEN.initial, Assumption.OTHERS_ASIDE, can_begin=False)
+    watched = Watched([TO_BOARD], HURRIED_ONE, instead_of=first)
+    assert [watched.check(text) for text in ("", OTHER_ASIDE, "")] == [KEEP] * 3
+
+
 def test_idle_steps_of_a_member_count_under_several_plans() -> None:
     state = World("multi_agent/01@3").initial
     team = ("robot1", "robot2")

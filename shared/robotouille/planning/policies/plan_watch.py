@@ -112,6 +112,15 @@ class PlanVerdict(NamedTuple):
 KEEP, DROP = PlanVerdict(), PlanVerdict(keep=False)
 
 
+def _is_in_the_way(made: TeamPlan, state: State, teammates: Teammates) -> bool:
+    """Return whether others block or hold what a plan needs, if it relies on making way."""
+    if made.assumption is not Assumption.OTHERS_ASIDE:
+        return False
+    coming = [each for joint in made.plan for each in joint if each.player in teammates.team]
+    others = teammates.others
+    return bool(station_in_the_way(coming, state, others) or object_in_hand(coming, state, others))
+
+
 class PlanWatch:
     """Monitor of one plan of a team while a seat follows it.
 
@@ -173,16 +182,14 @@ class PlanWatch:
 
     def _may_return(self, past: PastStep, teammates: Teammates) -> bool:
         """Return whether others may no longer keep the team from a more urgent goal."""
-        first, state, others = self._made.instead_of, past.state, teammates.others
+        first = self._made.instead_of
         if first is None:
             return False
-        if first.assumption is not Assumption.OTHERS_ASIDE:
-            late = past.step - self.base.step > LONG
-            return late and facts_about(others, state) != self.base.others
-        coming = [each for joint in first.plan for each in joint if each.player in teammates.team]
-        if station_in_the_way(coming, state, others) is not None:
-            return False
-        return object_in_hand(coming, state, others) is None
+        # Without this, a plan that something else prevents would be made again in each step.
+        if _is_in_the_way(first, self.base.state, teammates):
+            return not _is_in_the_way(first, past.state, teammates)
+        late = past.step - self.base.step > LONG
+        return late and facts_about(teammates.others, past.state) != self.base.others
 
     def _check_delay(self, past: PastStep, teammates: Teammates) -> PlanVerdict:
         """Check a plan that relies on the team: others may block it, or a member may do nothing."""
