@@ -197,6 +197,29 @@ def test_missing_domain_has_a_suggestion(tmp_path: Path) -> None:
         load_task(name)
 
 
+def test_a_problem_names_no_domain_outside_its_folder(tmp_path: Path) -> None:
+    secret = write(tmp_path, "secret.json", DOMAIN)
+    (tmp_path / "kitchens").mkdir()
+    (tmp_path / "kitchens/link.json").symlink_to(secret)
+    for domain in ("../secret.json", secret, "..\\secret.json", "link"):
+        name = write(tmp_path / "kitchens", "problem.json", {**PROBLEM, "domain": domain})
+        why = "unknown domain" if domain == "link" else "is outside the folder"
+        with pytest.raises(FileError, match=f"domain: .*{why}"):
+            load_task(name)
+        assert load_task(name, domain=secret).domain.name == "small"
+
+
+def test_a_problem_does_not_name_files_of_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "kitchens").mkdir()
+    write(tmp_path, "secret.json", DOMAIN)
+    name = write(tmp_path / "kitchens", "problem.json", {**PROBLEM, "domain": "secret.json"})
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(FileError, match="unknown domain"):
+        load_task(name)
+
+
 def test_errors_can_be_pickled() -> None:
     with pytest.raises(FileError) as error:
         build(problem=changed(PROBLEM, "width", to=...))

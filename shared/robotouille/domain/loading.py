@@ -11,7 +11,7 @@ from typing import Any
 
 from robotouille.domain.json_files import as_in_file, read_json, validate
 from robotouille.domain.schema import DomainFile, ProblemFile
-from robotouille.domain.task import Task, Timing, build_task, read_domain
+from robotouille.domain.task import Task, Timing, build_task, domain_named_in, read_domain
 from robotouille.errors import (
     Fault,
     FileError,
@@ -86,7 +86,9 @@ def load_task(
     _check_is_problem(raw, path)
     problem = validate(raw, ProblemFile, str(path))
     if not isinstance(domain, DomainFile):
-        domain = read_domain(domain or problem.domain or "robotouille", path.parent)
+        domain = (
+            read_domain(domain, path.parent) if domain else domain_named_in(path, problem.domain)
+        )
     if timing not in list(Timing):
         valid = ", ".join(Timing)
         raise FileError(name, [Fault("timing", f"unknown profile {timing!r}; possible: {valid}")])

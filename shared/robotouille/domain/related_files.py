@@ -227,26 +227,38 @@ def _as_json(base: Schema, own: Json) -> Json:
     return {name: value for name, value in raw.items() if name != "name"}
 
 
-def _is_within(path: Path, folders: tuple[Path, ...]) -> bool:
-    """Return whether a resolved path is in one of the folders."""
-    return any(path.is_relative_to(folder) for folder in folders)
+def check_is_inside(name: str, path: Path, field: str) -> None:
+    """Check that a name in a field of a file does not lead out of the file's folder.
+
+    Raises:
+        FileError: It does, such as an absolute path.
+    """
+    parts = PurePosixPath(name.replace("\\", "/"))
+    if parts.is_absolute() or ".." in parts.parts or ":" in name:
+        message = f"{name!r} is outside the folder; expected a file in it, or a shipped file"
+        raise FileError(str(path), [Fault(field, message)])
+
+
+def files_within(candidates: Iterable[Path], folders: Iterable[Path]) -> list[Path]:
+    """Return the candidates that are files in the folders.
+
+    Resolving follows links: a link in a folder must not lead to a file elsewhere.
+    """
+    allowed = [folder.resolve() for folder in folders]
+    files = (path for path in candidates if is_file(path))
+    return [f for f in files if any(f.resolve().is_relative_to(folder) for folder in allowed)]
 
 
 def _find(name: Any, path: Path, kind: FileKind[Any], chain: tuple[Path, ...]) -> Path:
     if not isinstance(name, str) or not name:
         raise FileError(str(path), [Fault("extends", f"expected a name, found {name!r}")])
-    parts = PurePosixPath(name.replace("\\", "/"))
-    if parts.is_absolute() or ".." in parts.parts or ":" in name:
-        message = f"{name!r} is outside the folder; expected a file in it, or a shipped file"
-        raise FileError(str(path), [Fault("extends", message)])
+    check_is_inside(name, path, "extends")
     shipped = data_folder(kind.folder)
     if name.endswith(".json"):
         candidates = [path.parent / name, shipped / name]
     else:
         candidates = [path.parent / f"{name}{kind.beside}", shipped / f"{name}{kind.shipped}"]
-    allowed = (path.parent.resolve(), shipped.resolve())
-    # Resolving follows links: a link in the folder must not lead to a file elsewhere.
-    found = [c for c in candidates if is_file(c) and _is_within(c.resolve(), allowed)]
+    found = files_within(candidates, (path.parent, shipped))
     others = [c for c in found if c.resolve() != path.resolve()]
     if not found:
         known = [p.name.removesuffix(kind.shipped) for p in shipped.glob(f"*{kind.shipped}")]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import random
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache, cached_property, lru_cache
@@ -14,7 +15,15 @@ from typing import Any
 from robotouille.domain.domain_checks import check_domain
 from robotouille.domain.json_files import read_model, validate
 from robotouille.domain.problem_checks import check_kinds, check_problem
-from robotouille.domain.related_files import FileKind, by, each, read_extending, union
+from robotouille.domain.related_files import (
+    FileKind,
+    by,
+    check_is_inside,
+    each,
+    files_within,
+    read_extending,
+    union,
+)
 from robotouille.domain.schema import (
     Arrival,
     Arrivals,
@@ -308,13 +317,32 @@ def read_domain(name: str, beside: Path | None = None) -> DomainFile:
     Raises:
         FileError: There is no such domain, or it is invalid.
     """
-    shipped = data_folder("domains") / f"{name}.json"
     candidates = [Path(name)] if name.endswith(".json") else []
     if beside is not None:
         candidates += [beside / name, beside / f"{name}.json"]
-    for path in candidates:
-        if is_file(path):
-            return read_extending(path, DOMAIN_FILES)
+    return _first_domain(name, filter(is_file, candidates))
+
+
+def domain_named_in(problem: Path, name: str | None) -> DomainFile:
+    """Read the domain that a problem file names: a file in its folder, or a shipped domain.
+
+    Problem files are exchanged, so their names must not lead to other files of the machine.
+
+    Raises:
+        FileError: There is no such domain, or it is invalid.
+    """
+    name = name or "robotouille"
+    check_is_inside(name, problem, "domain")
+    candidates = [problem.parent / name, problem.parent / f"{name}.json"]
+    folders = (problem.parent, data_folder("domains"))
+    return _first_domain(name, files_within(candidates, folders))
+
+
+def _first_domain(name: str, files: Iterable[Path]) -> DomainFile:
+    """Read the first file or, without one, the shipped domain."""
+    for path in files:
+        return read_extending(path, DOMAIN_FILES)
+    shipped = data_folder("domains") / f"{name}.json"
     if is_file(shipped):
         return _shipped_domain(shipped)
     names = [p.stem for p in data_folder("domains").glob("*.json") if "." not in p.stem]

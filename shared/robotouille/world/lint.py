@@ -43,6 +43,7 @@ from robotouille.domain.task import (
     DOMAIN_FILES,
     Task,
     complete_domain,
+    domain_named_in,
     read_domain,
     resolve_wildcards,
 )
@@ -148,9 +149,13 @@ def lint_problem_file(path: Path, domain: str | None = None) -> list[Fault]:
         return as_in_file(faults, raw)
     except FileError as error:
         faults = faults_for(path, error)
-    named = domain or (raw.get("domain") if isinstance(raw, dict) else None)
+    named = raw.get("domain") if isinstance(raw, dict) else None
     try:
-        used = complete_domain(read_domain(str(named or "robotouille"), path.parent))
+        used = complete_domain(
+            read_domain(domain, path.parent)
+            if domain
+            else domain_named_in(path, named and str(named))
+        )
     except FileError as error:
         faults += faults_for(path, error)
     else:
