@@ -57,7 +57,8 @@ class Agent:
         self.read = words(result)
         assert not result.is_error, self.read
         assert result.structured_content is not None
-        return result.structured_content
+        content: dict[str, Any] = result.structured_content
+        return content
 
     async def refused(self, tool: str, **arguments: Any) -> str:
         """Call a tool that must fail and return the error message."""
