@@ -12,14 +12,19 @@ from unicodedata import name
 from robotouille.errors import Fault, bounded
 from robotouille.visible_text import invisible_in
 
+_DIRECTION_MARKS = dict.fromkeys((0x061C, 0x200E, 0x200F))
+
 
 @bounded
 def lint_wording(raw: Any) -> list[Fault]:
-    """Report every text of a JSON value that has an invisible character, except line feeds."""
+    """Report every text of a JSON value that has an invisible character.
+
+    Line feeds and the marks that languages need to state their direction are permitted.
+    """
     return [
         Fault(place, f"has the invisible character {_named(letter)}: remove it")
         for place, text in _texts(raw, "")
-        if (letter := invisible_in(text))
+        if (letter := invisible_in(text.translate(_DIRECTION_MARKS)))
     ]
 
 

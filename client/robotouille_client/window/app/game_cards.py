@@ -192,7 +192,8 @@ def _title(
     people: Collection[str],
 ) -> str:
     """Return the title of the card for the end of a game, which follows from the stars."""
-    if not view.won:
+    over = outcome is not None and outcome.get("reason") == "shift_over"
+    if not (view.won or over):
         return "Game over" if outcome is None else "Not this time"
     if outcome is not None and only_watched(outcome, people):
         return "The others did it!"
