@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
@@ -14,28 +16,35 @@ from robotouille_client.mcp_server import http
 from robotouille_client.mcp_server.http import PATH, HttpService, http_app, listening_socket
 from robotouille_client.mcp_server.open_games import OpenGames
 from robotouille_client.mcp_server.server import mcp_server
-from tests.support.mcp_agent import over
+from robotouille_server import Server
+from tests.support.mcp_agent import Agent, over
 from tests.support.servers import serving
+
+
+@asynccontextmanager
+async def playing(server: Server) -> AsyncIterator[tuple[Agent, OpenGames, HttpService]]:
+    """Yield an agent that plays over HTTP, the open games and the service, which stops at exit."""
+    games = OpenGames(server.url)
+    app = http_app(mcp_server(lambda: games), games, idle_seconds=600)
+    with listening_socket("127.0.0.1", 0) as listening:
+        service = HttpService(app, games)
+        serving_http = asyncio.create_task(service.serve(sockets=[listening]))
+        async with over(f"http://127.0.0.1:{listening.getsockname()[1]}{PATH}") as agent:
+            yield agent, games, service
+        service.should_exit = True
+        await serving_http
 
 
 async def test_stopped_service_answers_waiting_calls(tmp_path: Path) -> None:
     async with serving(tmp_path) as server:
-        games = OpenGames(server.url)
-        app = http_app(mcp_server(lambda: games), games, idle_seconds=600)
-        with listening_socket("127.0.0.1", 0) as listening:
-            service = HttpService(app, games)
-            serving_http = asyncio.create_task(service.serve(sockets=[listening]))
-            async with over(f"http://127.0.0.1:{listening.getsockname()[1]}{PATH}") as ada:
-                view = await ada.call("join", episode=await ada.opened("multi_agent/01"))
-                waiting = asyncio.create_task(
-                    ada.call("wait", game=view["game"], timeout_seconds=60)
-                )
-                (opened,) = games._games.values()
-                while not opened.calls:
-                    await asyncio.sleep(0)
-                service.should_exit = True
-                assert "out of the episode" in (await waiting)["next"]
-            await serving_http
+        async with playing(server) as (ada, games, service):
+            view = await ada.call("join", episode=await ada.opened("multi_agent/01"))
+            waiting = asyncio.create_task(ada.call("wait", game=view["game"], timeout_seconds=60))
+            (opened,) = games._games.values()
+            while not opened.calls:
+                await asyncio.sleep(0)
+            service.should_exit = True
+            assert "out of the episode" in (await waiting)["next"]
         (room,) = server.lobby.rooms.values()
         assert not room.members
 
@@ -43,19 +52,12 @@ async def test_stopped_service_answers_waiting_calls(tmp_path: Path) -> None:
 async def test_failed_requests_fill_no_log(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async with serving(tmp_path) as server:
-        games = OpenGames(server.url)
-        app = http_app(mcp_server(lambda: games), games, idle_seconds=600)
-        with listening_socket("127.0.0.1", 0) as listening:
-            service = HttpService(app, games)
-            serving_http = asyncio.create_task(service.serve(sockets=[listening]))
-            async with over(f"http://127.0.0.1:{listening.getsockname()[1]}{PATH}") as ada:
-                with pytest.raises(MCPError, match="error"):
-                    await ada.client.get_prompt("no such prompt")
-            service.should_exit = True
-            await serving_http
-    assert not [record for record in caplog.records if record.name.startswith("mcp.server")]
-    assert not [record for record in caplog.records if record.name.startswith("mcp.shared")]
+    async with serving(tmp_path) as server, playing(server) as (ada, _, _):
+        with pytest.raises(MCPError, match="error"):
+            await ada.client.get_prompt("no such prompt")
+    assert not [
+        each for each in caplog.records if each.name.startswith(("mcp.server", "mcp.shared"))
+    ]
 
 
 HEAD = b"POST /mcp HTTP/1.1\r\nhost: 127.0.0.1\r\ncontent-length: 50\r\n\r\n{"

@@ -152,7 +152,7 @@ async def test_clients_receive_the_steps_for_stars(tmp_path: Path, rate: float |
 
 @pytest.fixture
 def searches(monkeypatch: pytest.MonkeyPatch) -> list[threading.Thread]:
-    """Return the threads that simulate plans, of which none is known yet."""
+    """Return the threads that simulate plans. No plan is known at first."""
     monkeypatch.setattr(step_limit, "_lengths", {})
     threads: list[threading.Thread] = []
 

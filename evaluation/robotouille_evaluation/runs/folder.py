@@ -28,10 +28,7 @@ from robotouille_evaluation.runs.journal import append_line
 
 FORMAT = "robotouille-run/1"
 MAX_PLAN_BYTES = 64 << 20
-DEAD_PROCESS = (
-    "a process died, perhaps for lack of memory: use fewer --processes; the finished episodes are "
-    "kept, and `robotouille benchmark resume` continues the run"
-)
+DEAD_PROCESS = "a process died, perhaps for lack of memory: try again with fewer --processes"
 
 
 class RunPlan(BaseModel):

@@ -80,7 +80,8 @@ async def run_jobs(
         try:
             text = await loop.run_in_executor(executor, _play_elsewhere, *arguments)
         except BrokenProcessPool:
-            raise RobotouilleError(DEAD_PROCESS) from None
+            kept = "`robotouille benchmark resume` keeps the finished episodes"
+            raise RobotouilleError(f"{DEAD_PROCESS}; {kept}") from None
         _finish(folder, job, ResultRow.model_validate_json(text), finished)
 
     with folder.playing():
