@@ -577,3 +577,8 @@ async def test_each_game_against_time_begins_with_what_the_stars_need(
     await asyncio.wait_for(session.go(script, setup), 60)
     assert played == [0, 0]
     assert session.user.ended
+    recorded = [*(session.folder / "recordings").iterdir()]
+    assert len(recorded) == 2
+    shifts = [recording.world.shift for recording in map(read_recording, recorded)]
+    orders = [shift.arrivals for shift in shifts if shift is not None]
+    assert len(set(orders)) == len(orders), "a shift played again has other orders"

@@ -43,6 +43,7 @@ class GameSetup:
         timing: Timing profile; None for `people` in real time and else `benchmark`.
         max_steps: Step limit; None for six times the shortest plan, but at least three minutes.
         countdown: Seconds before a real-time game starts.
+        seed: Seed of a shift's orders and of the bots.
         people: People at this window, 1 or 2; the other seats have bots.
     """
 
@@ -102,7 +103,7 @@ class LocalGame:
         self.people = (me, companion) if companion else (me,)
         companion_name = COMPANION if name.casefold() != COMPANION else f"{COMPANION} 2"
         # Equal names could not be distinguished in the chat.
-        names = [n for n in given_names(setup.seed) if n.casefold() != name.casefold()]
+        names = [n for n in given_names() if n.casefold() != name.casefold()]
         bots = BotSetup.named(setup.partner, setup.seed, words)
         self._partners: Partners = PromptPartners({})
         # `PartnerProcess` starts a process, which a game for one player does not need.

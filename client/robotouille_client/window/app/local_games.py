@@ -252,9 +252,13 @@ class LocalGames:
                 self._ui.remember()
             if answer == MenuChoice.NEXT:
                 task = _following(setup.task)
-                setup = dataclasses.replace(setup, task=task, seats=_allowed(task, seats))
+                setup = dataclasses.replace(setup, task=task, seats=_allowed(task, seats), seed=0)
             self._ui.splash("Loading …")
-            answer = await self._play_once(self._game(setup, self._recordings), setup)
+            game = self._game(setup, self._recordings)
+            answer = await self._play_once(game, setup)
+            if game.world.shift is not None:
+                # A shift whose orders are known by heart is no longer a surprise.
+                setup = dataclasses.replace(setup, seed=setup.seed + 1)
         return answer
 
     async def learn(self) -> object:
