@@ -46,6 +46,7 @@ from tests.programs.broker_flood import BrokerFlood, flooding_broker
 from tests.programs.delay_flood import DelayFlood
 from tests.programs.honest_game import HELLO, SUBPROTOCOL, HonestGame
 from tests.programs.mcp_flood import HonestAgent, McpFlood, McpFloodKind, mcp_process
+from tests.programs.opening_flood import OpeningFlood
 from tests.programs.page_flood import PageFlood
 from tests.programs.record_flood import Kind, RecordFlood
 from tests.programs.rematch_flood import RematchFlood
@@ -113,9 +114,10 @@ class Flood:
     with 200 spectators each, given by their tasks and views; `watched_players` is what their
     players send; with `resyncs`, these spectators ask for snapshots. With `resumes`, the
     connections are spectators that vanish all at once and resume their sessions. With `rematches`,
-    players end games and ask for rematches. With `delayed`, players of delayed seats act. With
-    `texts`, players read the text of all seats in games of this kind. With `elsewhere`, its
-    connections are remote; new clients are then remote too and have a token.
+    players end games and ask for rematches. With `opens`, hosts open and close games. With
+    `delayed`, players of delayed seats act. With `texts`, players read the text of all seats in
+    games of this kind. With `elsewhere`, its connections are remote; new clients are then remote
+    too and have a token.
     `rooms` is the number of other episodes on the server. With `page`, each connection requests
     this page again and again; with `operator`, from the operator port. With `loads`, so many loads
     of the browser client begin each second. With `records`, the server uses TLS with an RSA key,
@@ -139,6 +141,7 @@ class Flood:
     resyncs: bool = False
     resumes: bool = False
     rematches: bool = False
+    opens: bool = False
     delayed: bool = False
     texts: TextFloodKind | None = None
     page: str = ""
@@ -229,6 +232,7 @@ FLOODS = {
         rematches=True,
         connections=8,
     ),
+    "openings": Flood("games that 4 hosts open and close at once", opens=True, connections=4),
     "delayed": Flood(
         "actions of players of delayed seats, from 16 connections", delayed=True, connections=16
     ),
@@ -456,6 +460,8 @@ def attack(name: str, port: int, code: str) -> None:
         texts.run()
     if flood.resumes:
         ResumeStorm(port, code, flood.connections).run()
+    if flood.opens:
+        OpeningFlood(port, flood.connections).run()
     if flood.rematches:
         RematchFlood(port, flood.connections).run()
     if flood.silent:

@@ -4,14 +4,24 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import time
 import weakref
 from collections.abc import Iterator
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import pytest
 from websockets.server import ServerProtocol
 
+from robotouille.episode import Episode
+from robotouille_server import Server
+from robotouille_server.rooms.episode_driver import EpisodeDriver
+from robotouille_server.rooms.lobby import LINGER_SECONDS
+from robotouille_server.rooms.membership import Membership
+from robotouille_server.rooms.publishing.broadcaster import Broadcaster
+from robotouille_server.rooms.recording.journal import Journal
+from robotouille_server.rooms.room import Room
 from robotouille_server.runtime.process_limits import CLOSED_AT_LEAST, NEW, rare_collections
 from tests.programs.flood_client import SUBPROTOCOL
 from tests.support.fuzzing.wire import PING, TEXT, frame, request
@@ -55,6 +65,25 @@ def test_old_garbage_is_collected_after_many_closed_connections() -> None:
     usual = gc.get_threshold()
     run(main())
     assert gc.get_threshold() == usual
+
+
+def test_waiting_for_the_processor_does_not_make_collections_rarer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    hours = count(step=3600.0)
+    monkeypatch.setattr(time, "perf_counter", lambda: next(hours))
+
+    async def main() -> None:
+        closed = 0
+        async with rare_collections(lambda: 0, lambda: closed):
+            await asyncio.sleep(0.1)
+            for _ in range(2):
+                knot = tie_old()
+                closed += CLOSED_AT_LEAST
+                await asyncio.sleep(600)
+                assert knot() is None
+
+    run(main())
 
 
 @virtual
@@ -171,3 +200,45 @@ async def test_no_collection_looks_at_many_objects() -> None:
         await asyncio.sleep(0.1)
         young, middle, _ = gc.get_threshold()
         assert young * middle <= 100_000
+
+
+def room_parts() -> list[str]:
+    parts = (Room, EpisodeDriver, Broadcaster, Membership, Episode, Journal)
+    # `isinstance` would follow weak proxies, also to objects that no longer exist.
+    return [kind.__name__ for kind in map(type, gc.get_objects()) if kind in parts]
+
+
+@pytest.mark.usefixtures("only_new_garbage")
+@pytest.mark.parametrize("absence", ["end", "bot"])
+@pytest.mark.parametrize("clock", ["lockstep", "realtime"])
+@pytest.mark.parametrize("played", [True, False])
+def test_closed_room_is_freed_at_once(
+    tmp_path: Path, clock: str, absence: str, played: bool
+) -> None:
+    """Rooms once waited for a full collection, which takes up to a second."""
+    order = {"type": "create", "task": "multi_agent/01", "clock": clock, "absence": absence}
+
+    async def play(server: Server, code: str) -> None:
+        async with raw(server) as ada, raw(server) as eve:
+            join = {"type": "join", "episode": code}
+            await ada.ask({**join, "seats": "all"}, "joined")
+            await eve.ask({**join, "role": "spectator", "view": "both"}, "joined")
+            await asyncio.sleep(1)
+            await ada.send({"type": "say", "text": "hello"})
+
+    async def main() -> list[str]:
+        async with serving(tmp_path) as server, raw(server) as host:
+            for _ in range(3):
+                created = await host.ask(order, "created")
+                if played:
+                    await play(server, created["code"])
+                await host.ask({"type": "close", "episode": created["episode"]}, "closed")
+            assert room_parts()
+            await asyncio.sleep(LINGER_SECONDS + 10)
+            return room_parts()
+
+    gc.disable()
+    try:
+        assert run(main()) == []
+    finally:
+        gc.enable()

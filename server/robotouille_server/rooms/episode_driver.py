@@ -21,6 +21,7 @@ from robotouille_server.runtime.budgets import STEP_COST
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.timer_queue import TimerHandle, TimerQueue
+from robotouille_server.runtime.weak_calls import weakly
 from robotouille_server.transport import LoopBudget
 
 RETRY_SECONDS = 1.0
@@ -60,6 +61,7 @@ class EpisodeDriver:
     """
 
     __slots__ = (
+        "__weakref__",
         "_broadcaster",
         "_ended",
         "_episode",
@@ -112,15 +114,19 @@ class EpisodeDriver:
             metrics=machinery.metrics,
             timers=machinery.timers,
             bot_scheduler=machinery.bot_scheduler,
-            substitute=self._substitute,
+            substitute=weakly(self._substitute),
             vacated=parts.membership.vacate,
         )
         self._write_ahead = WriteAhead(
-            parts.episode, parts.journal, parts.gate, self._publisher.publish, self._failing_changed
+            parts.episode,
+            parts.journal,
+            parts.gate,
+            self._publisher.publish,
+            weakly(self._failing_changed),
         )
         self._open = True
         if parts.journal is not None:
-            parts.journal.listen(self._journal_changed)
+            parts.journal.listen(weakly(self._journal_changed))
 
     def apply(self, change: Callable[..., object], *arguments: Any, **options: Any) -> None:
         """Call `change(*arguments, now, **options)`, then write and publish what happened."""

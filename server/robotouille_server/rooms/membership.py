@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Set
+from functools import partial
 
 from robotouille.episode import Controller, Departure, Episode, Moderation, Phase
 from robotouille.episode.rules import NO_TREATMENT
@@ -56,15 +57,11 @@ class Membership:
         self._rosters = rosters
         self._sessions = sessions
         self._labels = labels
-        self._names = DisplayNames(self._named_seats)
+        self._names = DisplayNames(partial(_named_seats, episode))
         self._turnover = SeatTurnover(episode.world.players, now)
         self._chat_limits = ChatLimits(episode.world.players, now)
         taken = [seat for seat in episode.seats.values() if seat.taken]
         self.ever_seated = {one for seat in taken for one in (seat.session, seat.participant)}
-
-    def _named_seats(self) -> list[tuple[str, str]]:
-        seats = self._episode.seats.values()
-        return [(seat.player, seat.name if seat.taken else "") for seat in seats]
 
     # Coming in
 
@@ -339,6 +336,10 @@ class Membership:
         if session.peer is None:
             self._sessions.sent_out(session)
         self._broadcaster.send(session, messages.Left(episode=episode_id, reason=reason))
+
+
+def _named_seats(episode: Episode) -> list[tuple[str, str]]:
+    return [(seat.player, seat.name if seat.taken else "") for seat in episode.seats.values()]
 
 
 def too_many_spectators(most: int) -> ProtocolError:

@@ -21,6 +21,7 @@ from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.publishing.broadcaster import Broadcaster
 from robotouille_server.rooms.publishing.publisher import SpectatorRosters
 from robotouille_server.rooms.recording.write_ahead import CommitGate, Readable
+from robotouille_server.runtime.weak_calls import weakly
 
 if TYPE_CHECKING:
     from robotouille.episode import Episode, Seat
@@ -85,6 +86,7 @@ class Room:
     """
 
     __slots__ = (
+        "__weakref__",
         "_actions",
         "_gate",
         "_keeper",
@@ -139,7 +141,7 @@ class Room:
         )
         parts = EpisodeParts(episode, journal, self._gate, self.broadcaster, self.membership)
         self.driver = EpisodeDriver(
-            self.id, parts, machinery, published=self._published, ended=self._ended
+            self.id, parts, machinery, published=weakly(self._published), ended=weakly(self._ended)
         )
         self._actions = ActionRequests(episode, self.broadcaster, self._gate, machinery.metrics)
 

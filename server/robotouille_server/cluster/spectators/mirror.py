@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, NoReturn, Protocol
 
@@ -27,11 +28,12 @@ from robotouille_server.requests import AnswerLater, unheard
 from robotouille_server.rooms.membership import check_limited_sight, too_many_spectators
 from robotouille_server.rooms.participants.seat_limits import ChatLimits, DisplayNames
 from robotouille_server.rooms.participants.session import Session
-from robotouille_server.rooms.publishing.audience import Audience
+from robotouille_server.rooms.publishing.audience import Audience, SharedMessage
 from robotouille_server.rooms.publishing.broadcaster import MAX_SPECTATOR_NAMES, REPEATED_SAID
 from robotouille_server.rooms.recording.write_ahead import Readable
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.timer_queue import TimerQueue
+from robotouille_server.runtime.weak_calls import weakly
 
 if TYPE_CHECKING:
     from robotouille_server.cluster.node import ClusterNode
@@ -80,14 +82,12 @@ class Mirror:
         self.ready: asyncio.Future[bool] = self._loop.create_future()
         self._members: list[Session] = []
         self._banned: tuple[str, ...] = ()
-        self._names = DisplayNames(self._named_seats)
         self._chat_limits = ChatLimits((), self._loop.time())
         budget = service.services.loop_budget
         self._wake = asyncio.Event()
-        self._audience = Audience(
-            timers, budget, lambda event: self._updates.text, self._send_state
-        )
-        self._updates = Updates(self._audience.add, self._caught_up, self._wake.set)
+        self._audience = Audience(timers, budget, weakly(self._observed), weakly(self._send_state))
+        self._updates = Updates(self._audience.add, weakly(self._caught_up), self._wake.set)
+        self._names = DisplayNames(partial(_named_seats, self._updates))
         self._digest = ""
         self._answered_once = False
         self._unknown_since: float | None = None
@@ -170,6 +170,10 @@ class Mirror:
         # Returning spectators need the chat that they have missed, which comes before the snapshot.
         if self._answered_once and not self._updates.lost and not self.ready.done():
             self.ready.set_result(True)
+
+    def _observed(self, event: object) -> SharedMessage | None:
+        """Return the spectators' text view after the last step."""
+        return self._updates.text
 
     def _caught_up(self, *, jumped: bool) -> None:
         """Send the snapshot that has arrived to those who need it."""
@@ -299,9 +303,6 @@ class Mirror:
     def hold(self, connection: Readable) -> None:
         """Do nothing: spectators of other nodes write nothing to a recording."""
 
-    def _named_seats(self) -> list[tuple[str, str]]:
-        return [(seat.player, seat.name) for seat in self._updates.seats]
-
     def enter(self, session: Session, request: messages.Join, max_spectators: int) -> None:
         """Let a session watch; send it `joined` and, soon, a snapshot."""
         if self.closed:
@@ -425,3 +426,7 @@ class Mirror:
 
     def record_unreadable(self, session: Session, message: bytes | str, why: ProtocolError) -> None:
         """Do nothing: messages of spectators are not recorded."""
+
+
+def _named_seats(updates: Updates) -> list[tuple[str, str]]:
+    return [(seat.player, seat.name) for seat in updates.seats]

@@ -45,6 +45,7 @@ from robotouille_server.rooms.publishing.text_views import TextViews
 from robotouille_server.rooms.recording.write_ahead import CommitGate
 from robotouille_server.runtime.budgets import TEXT_COST
 from robotouille_server.runtime.timer_queue import TimerQueue
+from robotouille_server.runtime.weak_calls import weakly
 from robotouille_server.transport import LoopBudget, Peer, frame_of
 
 KEPT_DELTAS = 64
@@ -99,6 +100,7 @@ class Broadcaster:
     """
 
     __slots__ = (
+        "__weakref__",
         "_audience",
         "_code",
         "_deltas",
@@ -149,7 +151,7 @@ class Broadcaster:
         self._episode_messages = EpisodeMessages(episode_id, episode, writer, now)
         self._snapshots = Snapshots(episode_id, episode, writer)
         sight = episode.record.sight
-        self._disguises = Disguises(episode, self.holder)
+        self._disguises = Disguises(episode, weakly(self.holder))
         self._limited: LimitedSight | None = None
         if sight is not None:
             self._limited = LimitedSight(episode, sight, self._episode_messages)
@@ -157,9 +159,9 @@ class Broadcaster:
         self._gate = gate
         self._loop_budget = loop_budget
         self._audience = Audience(
-            timers, loop_budget, self._public_observation, self._commit_snapshot
+            timers, loop_budget, weakly(self._public_observation), weakly(self._commit_snapshot)
         )
-        self._text_views = TextViews(timers, loop_budget, self._commit_views)
+        self._text_views = TextViews(timers, loop_budget, weakly(self._commit_views))
         self._shown_step: Stepped | None = None
         self._deltas: deque[bytes] = deque(maxlen=KEPT_DELTAS)
         self._last_delta = 0
