@@ -541,21 +541,20 @@ class World(GroundTask):
             WrongArgumentError: `action` is not an action.
             WrongWorldError: The action was made by another world.
         """
-        facts = state.facts
+        facts, timers = state.facts, state.timers
         try:
             met = facts & action.tested == action.required
         except AttributeError:
             raise not_an_action(action) from None
-        if not met or (state.timers.busy and state.timers.busy_steps(action.player)):
+        if not met or (timers.busy and timers.busy_steps(action.player)):
             raise InapplicableError(action.sentence, self.unmet(state, action))
         # Two operations apply an action: `touched` sets every atom that it writes, `removed`
         # clears those that it makes false.
         facts = (facts | action.touched) ^ action.removed
-        timers = state.timers
         if action.effects or action.duration > 1:
             touched, removed, timers = timers.begin(action, facts)
             facts = (facts | touched) ^ removed
-        if timers.entries or timers.busy:
+        if timers.pending:
             touched, removed, timers = timers.tick(facts)
             facts = (facts | touched) ^ removed
         if self.shift is not None:
@@ -593,7 +592,7 @@ class World(GroundTask):
                 if action.effects or action.duration > 1:
                     touched, removed, timers = timers.begin(action, facts)
                     facts = (facts | touched) ^ removed
-        if timers.entries or timers.busy:
+        if timers.pending:
             touched, removed, timers = timers.tick(facts)
             facts = (facts | touched) ^ removed
         if self.shift is not None:
@@ -658,7 +657,7 @@ class World(GroundTask):
                 touched, removed, timers = timers.begin(action, facts)
                 facts = (facts | touched) ^ removed
             attempts.append(Attempt(action, True))
-        if timers:
+        if timers.pending:
             touched, removed, timers = timers.tick(facts)
             facts = (facts | touched) ^ removed
         if self.shift is not None:

@@ -254,7 +254,7 @@ class BeamSearch:
         seen = self._seen
         for node in nodes:
             facts, timers, parent, joint, score, actions = node
-            if timers.entries or timers.busy:
+            if timers.pending:
                 touched, removed, timers = timers.tick(facts)
                 facts = (facts | touched) ^ removed
             if (facts, timers) not in seen:

@@ -48,18 +48,18 @@ class Transitions:
 
     def _alone(self, facts: int, timers: Timers) -> list[JointMove]:
         found = []
-        if timers:
+        if timers.pending:
             found.append(JointMove(*_let_time_pass(facts, timers), ()))
         for action in self._world.actions(State(self._world, facts, timers), self._players[0]):
             after, running = _act(facts, timers, action)
-            if running:
+            if running.pending:
                 after, running = _let_time_pass(after, running)
             found.append(JointMove(after, running, (action,)))
         return found
 
     def _together(self, facts: int, timers: Timers) -> Iterator[JointMove]:
         """Yield the joint actions of several players, each with the time that passes after it."""
-        if timers:
+        if timers.pending:
             yield JointMove(*_let_time_pass(facts, timers), ())
         start = (facts, timers, frozenset[str]())
         found: dict[tuple[int, Timers, frozenset[str]], Joint] = {start: ()}

@@ -129,7 +129,7 @@ class Symmetry:
             if order:
                 facts = group.rename(facts, order)
                 renaming += order
-        if not timers:
+        if not timers.pending:
             return facts, -1
         number = self._timer_keys.get((timers, renaming))
         if number is None:
@@ -184,7 +184,7 @@ class _Group:
         together = facts & self._together
         if together:
             marks = list(zip(marks, self._together_mark(together), strict=True))
-        if timers:
+        if timers.pending:
             marks = list(zip(marks, self._timer_mark(timers), strict=True))
         if marks == sorted(marks):
             return ()
