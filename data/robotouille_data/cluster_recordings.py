@@ -36,7 +36,7 @@ from nats.js.errors import NotFoundError
 
 from robotouille.files.writing import whole_file
 from robotouille.nats.address import NatsAddress
-from robotouille.nats.client import bounded_client
+from robotouille.nats.client import RECONNECT_SECONDS, bounded_client
 from robotouille.replay.container import MAX_FILE
 from robotouille.replay.file_names import CLOSED, is_recording_name
 from robotouille_data.database import UnavailableError
@@ -342,7 +342,9 @@ async def _connected(address: NatsAddress) -> AsyncIterator[Client]:
                     servers=list(address.servers),
                     name="robotouille data",
                     max_reconnect_attempts=1,
-                    reconnect_time_wait=0,
+                    # Without a pause, a server that hangs up would be called thousands of times a
+                    # second.
+                    reconnect_time_wait=RECONNECT_SECONDS,  # type: ignore[arg-type]
                     connect_timeout=2,
                     error_cb=failed,
                     **options,

@@ -16,7 +16,7 @@ from robotouille.nats.address import nats_address
 from robotouille_data import cluster_recordings
 from robotouille_data.cluster_recordings import ClusterRecordings
 from robotouille_data.database import UnavailableError
-from tests.support.lying_nats import MIB, endless, lying_nats
+from tests.support.lying_nats import MIB, endless, hangs_up, lying_nats
 
 STATE = {"messages": 1, "bytes": 1, "first_seq": 1, "last_seq": 1, "consumer_count": 0}
 STREAM: dict[str, Any] = {"config": {"name": "S"}, "state": STATE}
@@ -62,6 +62,15 @@ def test_invalid_reader_of_the_store_is_reported(answers: Any, tmp_path: Path) -
 def test_invalid_greeting_is_reported(greeting: Any, tmp_path: Path) -> None:
     with lying_nats({}, greeting) as (url, _):
         assert f"cannot connect to NATS at {url}" in fetch(url, tmp_path)
+
+
+def test_server_that_hangs_up_is_not_called_all_the_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster_recordings, "ANSWER_SECONDS", 0.5)
+    with lying_nats(hangs_up) as (url, liar):
+        assert fetch(url, tmp_path).startswith("NATS: ")
+    assert liar.connections < 10
 
 
 def test_message_without_end_does_not_fill_the_memory(

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-__all__ = ["MIB", "LyingNats", "endless", "lying_nats"]
+__all__ = ["MIB", "LyingNats", "endless", "hangs_up", "lying_nats"]
 
 GREETING = {
     "server_id": "X", "server_name": "x", "version": "2.10.0", "proto": 1, "headers": True,
@@ -18,6 +18,8 @@ GREETING = {
 }  # fmt: skip
 MIB = 1024 * 1024
 endless = "endless"
+hangs_up: Mapping[str, Any] = {}
+"""Answers of a server that closes each connection after its start."""
 
 
 class LyingNats:
@@ -30,8 +32,10 @@ class LyingNats:
         self._answers = answers
         self._greeting = greeting
         self.sent = 0
+        self.connections = 0
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self.connections += 1
         writer.write(b"INFO " + json.dumps(self._greeting).encode() + b"\r\n")
         inboxes: dict[str, str] = {}
         try:
@@ -39,6 +43,8 @@ class LyingNats:
                 match words:
                     case ["PING"]:
                         writer.write(b"PONG\r\n")
+                    case ["SUB", *_] if self._answers is hangs_up:
+                        break
                     case ["SUB", inbox, *_, number]:
                         inboxes[inbox] = number
                     case ["PUB", subject, reply, size]:

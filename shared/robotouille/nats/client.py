@@ -6,6 +6,8 @@ from nats.aio.client import Client
 from nats.errors import ProtocolError
 from nats.protocol.parser import Parser
 
+RECONNECT_SECONDS = 0.2
+"""Seconds between two attempts to connect to a server again."""
 MAX_MESSAGE = 8 * 1024 * 1024
 """Bytes of a message. NATS recommends this limit to its operators."""
 

@@ -39,7 +39,7 @@ from nats.js.kv import KeyValue
 
 from robotouille.errors import RobotouilleError
 from robotouille.nats.address import NatsAddress
-from robotouille.nats.client import bounded_client
+from robotouille.nats.client import RECONNECT_SECONDS, bounded_client
 from robotouille_server.cluster.bus import (
     Append,
     Bucket,
@@ -69,7 +69,6 @@ ATTEMPTS = 5
 LEADER_SECONDS = 1.0
 """Seconds in which a stream with a leader answers."""
 SWEEP_SECONDS = 0.25
-RECONNECT_SECONDS = 0.2
 HEARTBEAT_SECONDS = 1.0
 """Seconds between signs of life of a watch. It begins again when two are missing."""
 CONNECT_SECONDS = 10.0
