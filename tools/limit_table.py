@@ -51,6 +51,7 @@ from robotouille_server.operator.recordings import replay_pages, store
 from robotouille_server.operator.recordings.archive import MAX_ARCHIVED
 from robotouille_server.operator.service import MAX_NOTED_NAME
 from robotouille_server.rooms import rematches
+from robotouille_server.rooms.episode_driver import TICKS_WHILE_WRITING
 from robotouille_server.rooms.lobby import LINGER_SECONDS, MAX_ENDED
 from robotouille_server.rooms.participants.seat_limits import (
     CHAT_LINES,
@@ -201,7 +202,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("Steps taken for one action, without the wall clock", f"{MAX_STEPS_AT_ONCE}",
               "The remaining steps wait for a turn among the connections."),
         Limit("Late steps taken at once, in real time",
-              f"{MAX_LATE_AT_ONCE}, or {MAX_CATCH_UP} if writing the last one took time",
+              f"{MAX_LATE_AT_ONCE}, or {TICKS_WHILE_WRITING * MAX_LATE_AT_ONCE} if writing the "
+              "last one took time",
               "The remaining steps wait for a turn among the connections. After "
               f"{MAX_CATCH_UP} late steps, the others are skipped."),
         Limit("Frames of one connection handled before the others",

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from robotouille.episode.clocks import MAX_CATCH_UP, MAX_LATE_AT_ONCE
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
 from robotouille.replay import recording
@@ -25,11 +26,12 @@ from robotouille_server.cluster.episodes.handing_over import Offer
 from robotouille_server.cluster.episodes.journal import ReplicatedJournal
 from robotouille_server.cluster.service import ClusterService
 from robotouille_server.requests import Opening
+from robotouille_server.rooms.episode_driver import TICKS_WHILE_WRITING
 from robotouille_server.rooms.recording import journal
 from robotouille_server.rooms.recording.archive import FRAMES_A_TURN
 from tests.support.buses import Handler, SimulatedBus, SimulatedNats
 from tests.support.clusters import Nodes, cluster_of, cluster_on
-from tests.support.virtual_time import virtual
+from tests.support.virtual_time import stand_still, virtual
 
 TASK = "training/03_multi_agent"
 FOREIGN_FILES = ["catalogue.sqlite", "old.rbt.part", "../x.rbt.part", "{other}"]
@@ -397,6 +399,24 @@ async def test_slow_writes_do_not_slow_a_fast_game_down(tmp_path: Path) -> None:
         before = game.step
         await asyncio.sleep(4.0)
         assert game.step - before == pytest.approx(240, abs=10)
+
+
+@virtual
+async def test_late_steps_give_way_to_others_while_writes_are_slow(tmp_path: Path) -> None:
+    """Ten steps were taken at once, which delayed the steps of other games."""
+    async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+        created = await ada.create("training/01", clock="realtime", step_rate=60)
+        game = await ada.join(created.code)
+        await until(game, 5)
+        nodes.nats.quality.latency = 0.0125
+        await asyncio.sleep(1.0)
+        episode = nodes.owner(created.episode).server.lobby.rooms[created.episode].episode
+        steps_taken, most = [episode.step], MAX_LATE_AT_ONCE * TICKS_WHILE_WRITING
+        stand_still(1.0)
+        while steps_taken[-1] < steps_taken[0] + MAX_CATCH_UP:
+            await asyncio.sleep(0.001)
+            steps_taken.append(episode.step)
+        assert max(after - before for before, after in pairwise(steps_taken)) <= most
 
 
 class TestHandOver:

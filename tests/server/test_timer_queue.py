@@ -15,17 +15,9 @@ from robotouille.episode.clocks import MAX_CATCH_UP, MAX_LATE_AT_ONCE
 from robotouille_server.rooms.room import Room
 from robotouille_server.runtime.timer_queue import RUN_SECONDS, Rounds, TimerQueue
 from tests.support.servers import Raw, raw, serving
-from tests.support.virtual_time import VirtualTimeLoop, run, virtual
+from tests.support.virtual_time import STILL, run, stand_still, virtual
 
 HELLO = {"type": "hello", "protocol": 1, "name": "bob"}
-STILL = 50.0
-
-
-def stand_still(seconds: float = STILL) -> None:
-    """Suspend the process for some seconds."""
-    loop = asyncio.get_running_loop()
-    assert isinstance(loop, VirtualTimeLoop)
-    loop._jumping.now += seconds
 
 
 async def begin(ada: Raw, bob: Raw, **options: Any) -> tuple[str, str]:

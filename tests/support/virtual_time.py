@@ -69,6 +69,17 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         await super().shutdown_default_executor()
 
 
+STILL = 50.0
+"""Seconds for which `stand_still` suspends the process."""
+
+
+def stand_still(seconds: float = STILL) -> None:
+    """Suspend the process for some seconds."""
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, VirtualTimeLoop)
+    loop._jumping.now += seconds
+
+
 def run(coroutine: Any) -> Any:
     """Run a coroutine in virtual time."""
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:

@@ -26,6 +26,10 @@ from robotouille_server.transport import LoopBudget
 
 RETRY_SECONDS = 1.0
 """Seconds between two attempts to write a failing recording."""
+TICKS_WHILE_WRITING = 2
+"""Ticks of a real-time game between two writes that take time. Each may take `MAX_LATE_AT_ONCE`
+late steps. With one tick, writes of 50 ms would slow a fast game down; with all of a backlog, the
+game would delay the steps of others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,10 +223,11 @@ class EpisodeDriver:
             self._fail()
 
     def _tick(self, now: float) -> None:
-        # While a replicated recording is written, several steps of a fast game become due.
-        tick = self._episode.tick if self._write_ahead.waited else self._episode.tick_briefly
         try:
-            tick(now)
+            for _ in range(TICKS_WHILE_WRITING if self._write_ahead.waited else 1):
+                self._episode.tick_briefly(now)
+                if not self._episode.behind:
+                    break
         except TooHardError as error:
             self._give_up(error, now)
 
