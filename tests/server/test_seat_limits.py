@@ -14,6 +14,7 @@ from robotouille.protocol.participant_names import proper_name
 from robotouille.replay import read_recording
 from robotouille_client import Client
 from robotouille_server import Server
+from robotouille_server.auth import Role
 from robotouille_server.rooms.participants.seat_limits import (
     LOOK_SECONDS,
     SEAT_CHANGES,
@@ -332,6 +333,25 @@ async def test_nobody_can_pose_as_the_operator_or_another_seat(
         created = await eve.ask({"type": "create", "task": "multi_agent/01"}, "created")
         join = {"type": "join", "episode": created["code"], "role": role}
         assert (await eve.ask(join, "joined"))["name"] == f"{proper_name(name)} 2"
+
+
+@pytest.mark.parametrize("chat", ["off", "signals", "free"])
+@pytest.mark.parametrize("role", ["player", "spectator"])
+@virtual
+async def test_names_do_not_replace_chat(tmp_path: Path, role: str, chat: str) -> None:
+    names = []
+    async with serving(tmp_path) as server, raw(server) as host:
+        order = {"type": "create", "task": "multi_agent/01", "chat": chat}
+        code = (await host.ask(order, "created"))["code"]
+        token = server.tokens.mint_role(Role.PLAYER, "p-1", seconds=3600, episode=code)
+        join = {"type": "join", "episode": code, "role": role}
+        for name in ("eve", "wait at the stove"):
+            async with raw(server, hello=False) as eve:
+                greeting = {"type": "hello", "protocol": 1, "name": name, "token": token}
+                await eve.ask(greeting, "welcome")
+                names.append((await eve.ask(join, "joined"))["name"])
+                await eve.ask({"type": "leave"}, "left")
+    assert names == ["eve", "wait at the stove" if chat == "free" else "eve"]
 
 
 @virtual

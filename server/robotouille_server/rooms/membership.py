@@ -6,7 +6,7 @@ from collections.abc import Mapping, Set
 from functools import partial
 
 from robotouille.episode import Controller, Departure, Episode, Moderation, Phase
-from robotouille.episode.rules import NO_TREATMENT
+from robotouille.episode.rules import NO_TREATMENT, Chat
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_server.auth import Role
@@ -32,6 +32,7 @@ class Membership:
         "_broadcaster",
         "_chat_limits",
         "_episode",
+        "_first_names",
         "_gate",
         "_labels",
         "_names",
@@ -62,6 +63,7 @@ class Membership:
         self._chat_limits = ChatLimits(episode.world.players, now)
         taken = [seat for seat in episode.seats.values() if seat.taken]
         self.ever_seated = {one for seat in taken for one in (seat.session, seat.participant)}
+        self._first_names = {seat.participant: seat.name for seat in taken}
 
     # Coming in
 
@@ -89,7 +91,7 @@ class Membership:
             players = self._turnover.choose(
                 self._episode, request, now, idle=self._may_idle(session, request)
             )
-            name = self._names.choose(session.given_name, players)
+            name = self._names.choose(self._given_name(session), players)
             session.players = self._episode.join_several(
                 players,
                 name,
@@ -108,7 +110,7 @@ class Membership:
             raise too_many_spectators(max_spectators)
         else:
             session.players = ()
-            name = self._names.choose(session.given_name)
+            name = self._names.choose(self._given_name(session))
             self._names.watch(name)
         # This comes after everything that may raise, so that a refused `join` does not change the
         # session.
@@ -164,6 +166,17 @@ class Membership:
             self._sessions.sent_out(old)
         else:
             old.peer.close("session/elsewhere", "you joined with the same token elsewhere")
+
+    def _given_name(self, session: Session) -> str:
+        """Return the name that a participant asks for.
+
+        Where chat is limited, the bearer of a token for the episode keeps the first one: everybody
+        reads names, so a participant could otherwise write with a new name for each `join`.
+        """
+        # Several programs, with names of their own, may share any other token.
+        if self._episode.rules.chat is Chat.FREE or not session.limits.only_episode:
+            return session.given_name
+        return self._first_names.setdefault(session.participant, session.given_name)
 
     def _may_idle(self, session: Session, request: messages.Join) -> bool:
         """Return whether the newcomer may stand still for long, as people do before they are ready.
