@@ -65,6 +65,37 @@ async def test_removed_participant_cannot_play_again(tmp_path: Path) -> None:
         assert (await ada.rematch()).phase == "waiting"
 
 
+@pytest.mark.parametrize("restarts", [False, True])
+@virtual
+async def test_removed_participant_cannot_join_a_rematch(tmp_path: Path, restarts: bool) -> None:
+    async with AsyncExitStack() as stack:
+        server, ada = await stack.enter_async_context(with_clients(tmp_path, "ada"))
+        token = server.tokens.mint_role(Role.PLAYER, "eve", seconds=3600) if restarts else None
+        eve = await stack.enter_async_context(connect(server.url, name="eve", token=token))
+        created = await ada.create(TASK, **RULES)
+        await eve.join(created.code)
+        room = server.lobby.find(created.code)
+        room.kick(next(s for s in room.members if s.name == "eve"), "rude")
+        await ada.join(created.code)
+        room.abort("over")
+        again = await ada.rematch()
+        if restarts:
+            await restarted(stack, server, tmp_path)
+        for role in ("player", "spectator"):
+            with pytest.raises(ProtocolError, match="were removed"):
+                await eve.join(again.code, role=role)
+
+
+@virtual
+async def test_participant_removed_after_the_end_cannot_play_again(tmp_path: Path) -> None:
+    async with with_clients(tmp_path, "ada", "eve") as (server, ada, eve):
+        games = await played([ada, eve])
+        room = server.lobby.find(games[0].code)
+        room.kick(next(s for s in room.members if s.name == "eve"), "rude")
+        with pytest.raises(ProtocolError, match="were removed"):
+            await eve.create(rematch=games[0].code)
+
+
 @virtual
 async def test_all_players_share_one_rematch(tmp_path: Path) -> None:
     async with with_clients(tmp_path, "ada", "bob") as (server, ada, bob):

@@ -165,6 +165,25 @@ class TestResumeTokens:
                 assert answer["type"] == ("error" if role is Role.HOST else "welcome")
 
     @virtual
+    async def test_removal_after_the_end_survives_a_restart(self, tmp_path: Path) -> None:
+        async with serving(tmp_path) as server:
+            async with raw(server) as eve:
+                tokens = [(await seated(eve))["resume"]]
+                (room,) = server.lobby.rooms.values()
+                room.abort("over")
+            async with raw(server, hello=False) as again:
+                await again.ask({**HELLO, "resume": tokens[-1]}, "welcome")
+                tokens.append((await again.expect("joined"))["resume"])
+                room.kick(room.members[0], "rude")
+                await again.expect("left")
+            await server.stop("restart", hand_over=True)
+        async with serving(tmp_path, seed=2) as server:
+            for token in tokens:
+                async with raw(server, hello=False) as late:
+                    answer = await late.ask({**HELLO, "resume": token}, "welcome")
+                    assert answer.get("code") == "auth/expired"
+
+    @virtual
     async def test_replaced_tokens_are_remembered_until_they_expire(self, tmp_path: Path) -> None:
         replaced = ReplacedTokens(tmp_path / "replaced", seconds=60)
         replaced.note("old", 3)

@@ -160,7 +160,9 @@ class Lobby:
         self._check_capacity(owner, reserved=False)
         self._rematches.charge(game, asker)
         setup = game.setup_for(owner, asker)
-        room = self._add(self._factory.new(setup, owner, asker.charged_names))
+        room = self._factory.new(setup, owner, asker.charged_names)
+        room.keep_out(game.banned)
+        self._add(room)
         self._rematches.opened(game, room, asker)
         if (before := self.rooms.get(game.episode)) is not None:
             before.offer_rematch(room.code)

@@ -348,6 +348,9 @@ class Membership:
         # Without this, an absent participant would learn of the removal only when it joins again.
         if session.peer is None:
             self._sessions.sent_out(session)
+        # The closed recording of an ended episode does not show the removal.
+        if self._episode.phase is Phase.ENDED:
+            self._sessions.bar(session)
         self._broadcaster.send(session, messages.Left(episode=episode_id, reason=reason))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Set
 from dataclasses import dataclass, replace
 
 from robotouille.episode.rules import NO_TREATMENT
@@ -87,7 +87,7 @@ class FinishedGame:
         setup: The task and rules.
         owner: The pseudonym of the participant who opened the ended episode.
         players: The sessions and pseudonyms of all who had a seat.
-        banned: The sessions and pseudonyms of all who were removed.
+        banned: The sessions and pseudonyms of all who were removed, also after the end.
         allowance: The rematches that may still be requested; shared with all rematches of the game.
         chain: The id of the first game in this game's chain of rematches. A game that is read from
             its recording begins a chain.
@@ -99,7 +99,7 @@ class FinishedGame:
     setup: EpisodeSetup
     owner: str
     players: frozenset[str]
-    banned: frozenset[str]
+    banned: Set[str]
     allowance: Allowance
     chain: str
     next: str = ""
@@ -122,7 +122,7 @@ class FinishedGame:
             setup,
             room.owner,
             frozenset(room.membership.ever_seated - {""}),
-            frozenset(room.episode.record.banned),
+            room.episode.record.banned,
             allowance,
             chain,
         )

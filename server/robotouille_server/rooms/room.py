@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
@@ -368,6 +368,14 @@ class Room:
             if self.bans(member.id, member.participant):
                 self.leave(member, Departure.REMOVED)
                 self.membership.send_out(member, self.id, reason)
+
+    def keep_out(self, banned: Iterable[str]) -> None:
+        """Refuse sessions and participants who were removed from an earlier game.
+
+        The next `flush` of the driver records this.
+        """
+        for one in sorted(banned):
+            self.episode.moderate(Moderation.BANNED, one, "", "", self.driver.now())
 
     def mute(self, session: Session) -> None:
         """Forbid a participant to chat in this episode until `unmute`."""

@@ -16,6 +16,7 @@ from robotouille_server.auth import (
     Visitor,
     check_scope,
 )
+from robotouille_server.auth.replaced_tokens import ALL
 from robotouille_server.rooms.participants.session import (
     NO_LIMITS,
     JoinedRoom,
@@ -257,6 +258,10 @@ class Sessions:
         """Keep the session of a removed participant for a while, to tell it when it returns."""
         self._keep(session)
         self._expire_in(SENT_OUT_SECONDS, session)
+
+    def bar(self, session: Session) -> None:
+        """Refuse all resume tokens of a session, also in later processes."""
+        self._replaced.note(session.id, ALL)
 
     def stop(self) -> None:
         """Cancel all timers."""
