@@ -870,6 +870,15 @@ async def test_requests_of_a_flood_take_turns(tmp_path: Path) -> None:
                 setattr(lobby, name, noted)
         service = nodes[0].server.services.cluster
         assert isinstance(service, ClusterService)
+        directory = nodes[0].cluster.node.directory
+        look = directory.look
+
+        async def looked(code: str) -> None:
+            worked.append((directory, iteration))
+            loop.call_soon(count)
+            await look(code)
+
+        directory.look = looked  # type: ignore[method-assign]
         opening = Opening(request=messages.Create(task=TASK))
         opened = await asyncio.gather(*(service.create(opening) for _ in range(6)))
         await asyncio.gather(
@@ -878,6 +887,7 @@ async def test_requests_of_a_flood_take_turns(tmp_path: Path) -> None:
                 service.close(messages.Close(episode=each.code), "", operator=True)
                 for each in opened
             ),
+            *(service.look("AAAAA-AAAAA") for _ in range(8)),
         )
-    assert len(worked) == 6 + 2 * 10 + 6
+    assert len(worked) == 6 + 2 * 10 + 6 + 8
     assert len(set(worked)) == len(worked)

@@ -117,6 +117,8 @@ class ClusterService:
 
     async def look(self, code: str) -> None:
         """Look again where the episode with a code is."""
+        # Wrong codes of programs on this machine are not limited.
+        await self._turns.next()
         try:
             await self.node.directory.look(code)
         except BusError as error:
@@ -127,6 +129,7 @@ class ClusterService:
     async def create(self, opening: Opening) -> messages.Created:
         """Open an episode on the node with the least load that answers."""
         silent: set[str] = set()
+        await self._turns.next()
         # Only this node knows the game of a rematch.
         while opening.request.rematch is None:
             place = self.node.members.place(1, silent)
@@ -165,10 +168,10 @@ class ClusterService:
 
     async def close(self, message: messages.Close, owner: str, *, operator: bool) -> str:
         """Close an episode, wherever it is; return its id."""
+        await self._turns.next()
         record = self.node.directory.find(message.episode)
         reason = message.reason or ""
         if record is None or record.node == self.node.name or record.ended:
-            await self._turns.next()
             lobby = self.services.lobby
             return lobby.close(message.episode, reason, owner, operator=operator).id
         data = _Closing(episode=record.episode, reason=reason, owner=owner, operator=operator)
