@@ -442,6 +442,10 @@ class Lobby:
         # Keep the room at least for the grace period: an absent participant may return for as long
         # after the end as during the episode.
         seconds = max(LINGER_SECONDS, room.episode.rules.grace)
+        # Nobody returns to an episode that nobody has joined. If it stayed, the kitchen of a shift
+        # with a seed of its own would survive the cheap garbage collections.
+        if not (archived or room.episode.record.used or room.members):
+            seconds = 0.0
         loop = asyncio.get_running_loop()
         self._lingering[room] = loop.call_later(seconds, self._forget, room)
         self._limit_ended(room)
