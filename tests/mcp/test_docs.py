@@ -19,6 +19,7 @@ from robotouille_client.mcp_server.limits import (
     MAX_CONNECTIONS,
     MAX_CONNECTIONS_OF_ADDRESS,
     MAX_GAMES_OF_TOKEN,
+    MAX_NEWCOMERS,
     MAX_REQUESTS_OF_TOKEN,
     MAX_SESSIONS,
     MAX_SESSIONS_OF_ADDRESS,
@@ -29,6 +30,7 @@ from robotouille_client.mcp_server.open_game import MAX_LINES
 from robotouille_client.mcp_server.results import GameView
 from robotouille_client.mcp_server.sessions import CHECKS_AT_ONCE, MAX_ACCEPTED
 from robotouille_client.mcp_server.tools import TOOLS
+from robotouille_client.mcp_server.turns import TURNS_AT_ONCE
 from robotouille_server import Server
 from tests.support.mcp_agent import COMMAND, agent
 from tests.support.pages import read, table, titled
@@ -74,10 +76,14 @@ def test_documented_limits_match_the_code() -> None:
     assert rows["sessions with one token"] == str(MAX_SESSIONS_OF_TOKEN)
     assert rows["calls of one token in progress (HTTP)"] == str(MAX_REQUESTS_OF_TOKEN)
     assert rows[f"sessions from one {ADDRESS}"] == str(MAX_SESSIONS_OF_ADDRESS)
-    checked = (
-        "tokens that the game server checks at the same time, new and accepted ones each (HTTP)"
-    )
+    checked = "accepted tokens that the game server checks again at the same time (HTTP)"
     assert rows[checked] == str(CHECKS_AT_ONCE)
+    served = (
+        "requests of one token that are served at the same time, except while they wait for the "
+        "game; all unknown tokens count as one (HTTP)"
+    )
+    assert rows[served] == str(TURNS_AT_ONCE)
+    assert rows["requests with unknown tokens in progress (HTTP)"] == str(MAX_NEWCOMERS)
     assert rows["accepted tokens that are remembered (HTTP)"] == str(MAX_ACCEPTED)
     head = f"{MAX_HEAD_BYTES // 1024} KiB, {MAX_HEAD_LINES} lines"
     assert rows["request head (HTTP)"] == head

@@ -18,6 +18,7 @@ from robotouille_client.mcp_server.http import PATH, HttpService, http_app, list
 from robotouille_client.mcp_server.limits import MAX_BODY_VALUES
 from robotouille_client.mcp_server.open_games import Caller, OpenGames
 from robotouille_client.mcp_server.server import mcp_server
+from robotouille_client.mcp_server.turns import TURNS_AT_ONCE
 from robotouille_server import Server
 from robotouille_server.auth import Role
 from robotouille_server.auth.revocation import REVOKED_FILE, revoke
@@ -289,6 +290,45 @@ async def test_one_token_cannot_use_up_the_connections_of_others(
             answer = await mcp.send(PING, eve, other)
             assert (answer.status_code, "in progress" in answer.text) == (503, True)
             assert await mcp.alive(session, ada)
+
+
+async def test_unknown_tokens_beyond_their_limit_are_refused_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions, "MAX_NEWCOMERS", 0)
+    async with service(tmp_path) as mcp:
+        answer = await mcp.send(HELLO, mcp.token("ada"))
+        assert (answer.status_code, "unknown tokens" in answer.text) == (503, True)
+        assert await mcp.alive(await mcp.opened())
+
+
+async def test_calls_that_wait_for_the_game_take_no_turns(tmp_path: Path) -> None:
+    async with service(tmp_path) as mcp:
+        token = mcp.token("ada")
+        async with AsyncExitStack() as stack:
+            agents = [
+                await stack.enter_async_context(with_bearer(mcp.url, token))
+                for _ in range(2 * TURNS_AT_ONCE)
+            ]
+            code = await agents[0].opened("multi_agent/01")
+            views = [await a.call("join", episode=code, role="spectator") for a in agents]
+            waiting = [
+                asyncio.create_task(a.call("wait", game=v["game"], timeout_seconds=60))
+                for a, v in zip(agents, views, strict=True)
+            ]
+            while sum(g.calls for g in mcp.games._games.values()) < len(agents):
+                await asyncio.sleep(0)
+            assert await mcp.alive(await mcp.opened(token), token)
+            await mcp.games.close_all()
+            await asyncio.gather(*waiting)
+
+
+async def test_event_streams_take_no_turns(tmp_path: Path) -> None:
+    async with service(tmp_path) as mcp, AsyncExitStack() as stack:
+        ada = mcp.token("ada")
+        for _ in range(2 * TURNS_AT_ONCE):
+            await stack.enter_async_context(mcp.listening(ada))
+        assert await mcp.alive(await mcp.opened(ada), ada)
 
 
 async def test_requests_with_unchecked_tokens_displace_no_session(

@@ -45,7 +45,13 @@ from tests.programs.audience_flood import AudienceFlood
 from tests.programs.broker_flood import BrokerFlood, flooding_broker
 from tests.programs.delay_flood import DelayFlood
 from tests.programs.honest_game import HELLO, SUBPROTOCOL, HonestGame
-from tests.programs.mcp_flood import HonestAgent, McpFlood, McpFloodKind, mcp_process
+from tests.programs.mcp_flood import (
+    HonestAgent,
+    McpFlood,
+    McpFloodKind,
+    McpLines,
+    mcp_process,
+)
 from tests.programs.opening_flood import OpeningFlood
 from tests.programs.page_flood import PageFlood
 from tests.programs.record_flood import Kind, RecordFlood
@@ -334,6 +340,30 @@ FLOODS = {
     "mcp-values": Flood(
         "requests to robotouille-mcp with 20,000 values", mcp="values", max_gap=MAX_CALL / 2
     ),
+    "mcp-calls": Flood(
+        "calls of robotouille-mcp with one token, from 64 connections",
+        mcp="calls",
+        connections=64,
+        max_gap=MAX_GAP,
+    ),
+    "mcp-streams": Flood(
+        "event streams of robotouille-mcp that are opened and closed, from 64 connections",
+        mcp="streams",
+        connections=64,
+        max_gap=MAX_GAP,
+    ),
+    "mcp-strangers": Flood(
+        "requests to robotouille-mcp with made-up tokens and sessions, from 400 connections",
+        mcp="strangers",
+        connections=400,
+        max_gap=MAX_GAP,
+    ),
+    "mcp-newcomers": Flood(
+        "such requests, each over a new connection, 64 at a time",
+        mcp="newcomers",
+        connections=64,
+        max_gap=MAX_GAP,
+    ),
     "acts": Flood(
         "actions of spectators, from 60 connections",
         lambda code: _message({"type": "act", "seq": 1, "action": "x" * 300}),
@@ -475,6 +505,8 @@ def attack(name: str, port: int, code: str) -> None:
         time.sleep(3600)
     if flood.mcp in ("abandoned", "values"):
         McpFlood(port, flood.mcp).run()
+    if flood.mcp in ("calls", "streams", "strangers", "newcomers"):
+        McpLines(port, flood.mcp, code, flood.connections).run()
     if flood.loads:
         script = f"/play/{shared_site().version}/{BUNDLE}"
         PageFlood(port, flood.loads, ("/play", script)).run()
@@ -610,7 +642,8 @@ def _measured(
     flood = FLOODS[name]
     if flood.mcp:
         port, pid = stack.enter_context(mcp_process(server.url))
-        return psutil.Process(pid), HonestAgent(port), port
+        tokens = [_token(server, Role.HOST, subject) for subject in ("honest", "flood")]
+        return psutil.Process(pid), HonestAgent(port, pid, *tokens), port
     port = operator if flood.operator else server.port
     return psutil.Process(server.process.pid), HonestGame(server, flood.rooms, tls), port
 
@@ -701,13 +734,17 @@ def _broker(kind: BrokerFlood, folder: Path, stack: ExitStack) -> tuple[str, ...
     return ("--mqtt", url, "--mqtt-ca", str(ca), "--mqtt-name", "flood")
 
 
+def _token(server: ServerProcess, role: Role, subject: str) -> str:
+    keys = FileKeyring(server.recordings.with_name("recordings.state") / "keys.json")
+    return Tokens(keys, time.time).mint_role(role, subject, seconds=600)
+
+
 def _admitted(server: ServerProcess, elsewhere: bool, tls: ssl.SSLContext | None) -> bool:
     """Return whether a new client is admitted within five seconds."""
     end, hello = time.monotonic() + 5, {**HELLO, "name": "newcomer"}
     headers: dict[str, str] = {}
     if elsewhere:
-        keys = FileKeyring(server.recordings.with_name("recordings.state") / "keys.json")
-        hello["token"] = Tokens(keys, time.time).mint_role(Role.PLAYER, "p-1", seconds=600)
+        hello["token"] = _token(server, Role.PLAYER, "p-1")
         name, _, value = ELSEWHERE.strip().partition(": ")
         headers[name] = value
     while time.monotonic() < end:

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import json
+import select
 import socket
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from http.client import HTTPConnection, HTTPException
+from pathlib import Path
 from threading import Thread
 from typing import Any, Literal
 
 from tests.support.mcp_agent import COMMAND
 
-__all__ = ["HonestAgent", "McpFlood", "McpFloodKind", "mcp_process"]
+__all__ = ["HonestAgent", "McpFlood", "McpFloodKind", "McpLines", "mcp_process"]
 
-McpFloodKind = Literal["silence", "abandoned", "values"]
+McpFloodKind = Literal[
+    "silence", "abandoned", "values", "calls", "streams", "strangers", "newcomers"
+]
 VERSION = "2025-06-18"
 """Version of MCP whose calls go on when their client closes its connection."""
+STATELESS = "2026-07-28"
+CLIENT = {"name": "agent", "version": "1"}
 VALUES = 20_000
 """Empty lists in a request of just less than 64 KiB."""
 TASK = "multi_agent/01"
@@ -47,14 +53,14 @@ def _request(method: str, params: dict[str, Any]) -> bytes:
 class _Agent:
     """MCP client with a session that opens a connection for each request."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int, token: str = "") -> None:
         self._port = port
         self._headers = {
             "accept": "application/json, text/event-stream",
             "content-type": "application/json",
+            **({"authorization": f"Bearer {token}"} if token else {}),
         }
-        client = {"name": "agent", "version": "1"}
-        hello = {"protocolVersion": VERSION, "capabilities": {}, "clientInfo": client}
+        hello = {"protocolVersion": VERSION, "capabilities": {}, "clientInfo": CLIENT}
         self.ask("initialize", hello)
         self._headers["mcp-protocol-version"] = VERSION
 
@@ -85,44 +91,68 @@ class _Agent:
         code = self.tool("create_episode", task=TASK)["code"]
         return str(self.tool("join", episode=code)["game"])
 
+    def packet(self, verb: str, body: bytes = b"", **headers: str) -> bytes:
+        """Return the bytes of a request in the agent's session."""
+        return self._packet(verb, body, {**self._headers, **headers})
+
+    @staticmethod
+    def _packet(verb: str, body: bytes, headers: Mapping[str, str]) -> bytes:
+        fields = {"host": "127.0.0.1", "content-length": str(len(body)), **headers}
+        head = "\r\n".join(f"{key}: {value}" for key, value in fields.items())
+        return f"{verb} /mcp HTTP/1.1\r\n{head}\r\n\r\n".encode() + body
+
+    def stateless(self, method: str) -> bytes:
+        """Return the bytes of a request in the version of MCP that has no sessions."""
+        client = {"protocolVersion": STATELESS, "clientCapabilities": {}, "clientInfo": CLIENT}
+        meta = {f"io.modelcontextprotocol/{name}": value for name, value in client.items()}
+        version = {"mcp-protocol-version": STATELESS, "mcp-method": method}
+        headers = {**self._headers, **version}
+        headers.pop("mcp-session-id")
+        return self._packet("POST", _request(method, {"_meta": meta}), headers)
+
     def abandon(self, name: str, **arguments: Any) -> None:
         """Call a tool, and close the connection as soon as the answer begins."""
         body = _request("tools/call", {"name": name, "arguments": arguments})
-        headers = {"host": "127.0.0.1", "content-length": str(len(body)), **self._headers}
-        head = "\r\n".join(f"{key}: {value}" for key, value in headers.items())
         with socket.create_connection(("127.0.0.1", self._port), timeout=20) as connection:
-            connection.sendall(f"POST /mcp HTTP/1.1\r\n{head}\r\n\r\n".encode() + body)
+            connection.sendall(self.packet("POST", body))
             connection.recv(1)
 
 
 class HonestAgent(_Agent):
-    """Agent that measures how long its calls take.
+    """Agent that measures how much the server works while each of its calls waits.
 
-    Attributes:
-        code: Empty: the floods need no episode of the agent's.
+    Args:
+        pid: The process of the server.
+        token: Token of the agent.
+        code: Token for the flood.
     """
 
-    code = ""
-
-    def __init__(self, port: int) -> None:
-        super().__init__(port)
+    def __init__(self, port: int, pid: int, token: str, code: str) -> None:
+        super().__init__(port, token)
+        self.code = code
+        self._worked = Path(f"/proc/{pid}/schedstat")
+        self._token = token
         self._game = self.join_new_game()
 
     def longest_gap(self, seconds: float) -> float:
-        """Return the time of the longest call, in seconds."""
+        """Return the longest CPU time of the server's event loop during a call, in seconds."""
         end, longest = time.monotonic() + seconds, 0.0
         while time.monotonic() < end:
-            began = time.monotonic()
+            began = self._cpu_seconds()
             self.tool("list_actions", game=self._game)
-            longest = max(longest, time.monotonic() - began)
+            longest = max(longest, self._cpu_seconds() - began)
             time.sleep(PAUSE)
         return longest
+
+    def _cpu_seconds(self) -> float:
+        # Unlike the time of a call, it does not depend on what else the machine does.
+        return int(self._worked.read_text().split()[0]) / 1e9
 
     def admitted(self) -> bool:
         """Return whether another agent can open a session within five seconds."""
         began = time.monotonic()
         with suppress(OSError, HTTPException):
-            _Agent(self._port)
+            _Agent(self._port, self._token)
             return time.monotonic() - began < 5
         return False
 
@@ -157,3 +187,65 @@ class McpFlood:
 
     def _send_values(self) -> None:
         self._agent.send(self._values)
+
+
+class McpLines:
+    """Connections that each send the next request as soon as the last one is answered.
+
+    Args:
+        token: A valid token.
+    """
+
+    def __init__(self, port: int, kind: McpFloodKind, token: str, connections: int) -> None:
+        self._address = ("127.0.0.1", port)
+        self._agent = _Agent(port, token)
+        self._count = connections
+        self._kind = kind
+        self._sent = 0
+
+    def run(self) -> None:
+        """Send until the process is killed."""
+        lines: dict[socket.socket, bytes] = {}
+        while True:
+            while len(lines) < self._count:
+                with suppress(OSError):
+                    line = socket.create_connection(self._address, timeout=20)
+                    lines[line] = b""
+                    line.sendall(self._next())
+            for line in select.select(list(lines), [], [], 0.05)[0]:
+                self._continue(line, lines)
+
+    def _continue(self, line: socket.socket, lines: dict[socket.socket, bytes]) -> None:
+        try:
+            received = line.recv(65_536)
+            lines[line] += received
+            whole = _is_whole(lines[line])
+            if not received or self._kind == "streams" or (whole and self._kind == "newcomers"):
+                raise ConnectionResetError
+            if whole:
+                lines[line] = b""
+                line.sendall(self._next())
+        except OSError:
+            del lines[line]
+            line.close()
+
+    def _next(self) -> bytes:
+        self._sent += 1
+        match self._kind:
+            case "streams":
+                return self._agent.packet("GET")
+            case "strangers" | "newcomers":
+                token = f"Bearer made-up-{self._sent}"
+                session = {} if self._sent % 2 else {"mcp-session-id": f"{self._sent}"}
+                body = _request("ping", {})
+                return self._agent.packet("POST", body, authorization=token, **session)
+            case _:
+                return self._agent.stateless("tools/list")
+
+
+def _is_whole(answer: bytes) -> bool:
+    head, end, body = answer.partition(b"\r\n\r\n")
+    if not end:
+        return False
+    _, named, length = head.lower().partition(b"content-length: ")
+    return len(body) >= int(length.split()[0]) if named else body.endswith(b"0\r\n\r\n")

@@ -13,7 +13,6 @@ import h11
 import uvicorn
 from mcp.server.transport_security import TransportSecuritySettings
 from mcp.types import INVALID_REQUEST
-from starlette.datastructures import Headers
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -27,8 +26,7 @@ from robotouille_client.mcp_server.limits import (
     MAX_SESSIONS,
     REQUEST_SECONDS,
 )
-from robotouille_client.mcp_server.open_games import bearer
-from robotouille_client.mcp_server.sessions import SessionKeeper, address_group, invalid_token
+from robotouille_client.mcp_server.sessions import SessionKeeper, address_group
 
 if TYPE_CHECKING:
     from mcp.server.mcpserver import MCPServer
@@ -36,10 +34,12 @@ if TYPE_CHECKING:
     from robotouille_client.mcp_server.open_games import OpenGames
 
 PATH = "/mcp"
-ACCEPTED_AT_ONCE = 8
+ACCEPTED_AT_ONCE = 2
 """Connections accepted in a row, before existing connections get a turn."""
 WAITING_TO_BE_ACCEPTED = 1024
 """Connections that the operating system queues."""
+CLOSE = {"connection": "close"}
+"""Header of answers to requests that get no turn. New connections are accepted a few at a time."""
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 
@@ -70,8 +70,9 @@ def http_app(
         session_idle_timeout=idle_seconds,
         transport_security=_guard(allowed_hosts),
     )
-    kept = _WholeRequests(SessionKeeper(app, games, idle_seconds, time.monotonic))
-    return _TokenRequired(kept) if allowed_hosts else kept
+    needs_token = bool(allowed_hosts)
+    keeper = SessionKeeper(app, games, idle_seconds, time.monotonic, needs_token=needs_token)
+    return _WholeRequests(keeper)
 
 
 def _guard(allowed_hosts: Sequence[str]) -> TransportSecuritySettings:
@@ -111,7 +112,8 @@ class _WholeRequests:
         if body is None:
             return
         if len(body) > MAX_BODY_BYTES:
-            await PlainTextResponse("Request body too large", 413)(scope, receive, send)
+            refusal = PlainTextResponse("Request body too large", 413, headers=CLOSE)
+            await refusal(scope, receive, send)
             return
         if _values(body) > MAX_BODY_VALUES:
             await _too_many_values()(scope, receive, send)
@@ -152,21 +154,8 @@ def _too_many_values() -> Response:
         "code": INVALID_REQUEST,
         "message": f"the request has more than {MAX_BODY_VALUES:,} values",
     }
-    return JSONResponse({"jsonrpc": "2.0", "id": None, "error": error}, status_code=400)
-
-
-class _TokenRequired:
-    """Middleware that refuses requests without a bearer token."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "http" and not bearer(Headers(scope=scope).get("authorization")):
-            refusal = invalid_token("send a role token as bearer token")
-            await refusal(scope, receive, send)
-            return
-        await self._app(scope, receive, send)
+    body = {"jsonrpc": "2.0", "id": None, "error": error}
+    return JSONResponse(body, status_code=400, headers=CLOSE)
 
 
 def listening_socket(host: str, port: int) -> socket.socket:

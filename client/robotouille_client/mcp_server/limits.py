@@ -17,6 +17,8 @@ MAX_SESSIONS_OF_ADDRESS = 64
 MAX_REQUESTS_OF_TOKEN = 64
 """Requests of a token in progress. Calls of the tool `wait` take a minute each and would otherwise
 use up the connections of all."""
+MAX_NEWCOMERS = 448
+"""Requests with unknown tokens in progress. The other connections are for known tokens."""
 MAX_VISITS_OF_TOKEN = 32
 """Connections that wait for the game server, to join or for one request."""
 MAX_GAMES_OF_TOKEN = 16

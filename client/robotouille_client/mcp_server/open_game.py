@@ -25,6 +25,7 @@ from robotouille_client.mcp_server.results import (
     ValidActions,
     shortened,
 )
+from robotouille_client.mcp_server.turns import waiting
 from robotouille_client.sansio.game_events import (
     ActResult,
     Announced,
@@ -260,7 +261,8 @@ class OpenGame:
             details["max_age"] = max_age
         future = self.game.submit(action, **details)
         self._asked = (action, future)
-        await asyncio.wait({future}, timeout=timeout)
+        async with waiting():
+            await asyncio.wait({future}, timeout=timeout)
         if self._at_its_end:
             await self._wait_for(lambda: False, END_SECONDS)
         return self.view()
@@ -457,7 +459,8 @@ class OpenGame:
         return game.goal_reached or game.step >= game.clock["max_steps"]
 
     async def _wait_for(self, done: Callable[[], bool], timeout: float) -> None:
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(timeout):
-                while not (done() or self.game.ended):
-                    self._log.take(await self.game.next_event())
+        async with waiting():
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(timeout):
+                    while not (done() or self.game.ended):
+                        self._log.take(await self.game.next_event())

@@ -7,11 +7,13 @@ import ipaddress
 import math
 from collections import Counter, OrderedDict
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mcp.server.auth.middleware.bearer_auth import AuthenticatedUser
 from mcp.server.auth.provider import AccessToken
+from mcp.types import INVALID_REQUEST
 from mcp_types.version import HANDSHAKE_PROTOCOL_VERSIONS
 from pydantic import ValidationError
 from starlette.datastructures import Headers
@@ -21,19 +23,23 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille_client.mcp_server.limits import (
+    MAX_NEWCOMERS,
     MAX_REQUESTS_OF_TOKEN,
     MAX_SESSIONS,
     MAX_SESSIONS_OF_ADDRESS,
     MAX_SESSIONS_OF_TOKEN,
 )
 from robotouille_client.mcp_server.open_games import SESSION_HEADER, Caller, bearer, counted
+from robotouille_client.mcp_server.turns import Turn, Turns
 
 if TYPE_CHECKING:
     from robotouille_client.mcp_server.open_games import OpenGames
 
+NEWCOMERS = "newcomers"
+"""Key for the turns of all tokens that are not known. Strangers with made-up tokens therefore delay
+the requests of others no more than one token does."""
 CHECKS_AT_ONCE = 8
-"""Tokens of newcomers that the game server checks at the same time, and accepted tokens. Strangers
-with made-up tokens can therefore not delay the requests of others."""
+"""Accepted tokens that the game server checks again at the same time."""
 CHECK_SECONDS = 10.0
 RECHECK_SECONDS = 30.0
 """Seconds after which the next request with a token checks the token again."""
@@ -88,24 +94,48 @@ class _Answer:
         await self.send(message)
 
 
+def _ending(turn: Turn, scope: Scope, send: Send) -> Send:
+    """Return `send` that ends a turn when the work of the request is done.
+
+    The client of an event stream waits for hours, and any client may not read its answer.
+    """
+
+    async def ending(message: Message) -> None:
+        if message.get("body") or scope["method"] == "GET":
+            turn.end()
+        await send(message)
+
+    return ending
+
+
 class SessionKeeper:
-    """Middleware that checks tokens, binds sessions to them and limits the number of sessions.
+    """Middleware that checks tokens, binds sessions to them and limits sessions and requests.
 
     The library refuses new sessions at its limit, so one client could lock out all others for the
     idle time. This middleware instead ends the session that was unused for the longest time.
-    Sessions with a game stay.
+    Sessions with a game stay. All requests wait for a turn, also those that are refused.
+
+    Args:
+        needs_token: Refuse requests without a bearer token.
     """
 
     def __init__(
-        self, app: ASGIApp, games: OpenGames, idle_seconds: float, now: Callable[[], float]
+        self,
+        app: ASGIApp,
+        games: OpenGames,
+        idle_seconds: float,
+        now: Callable[[], float],
+        *,
+        needs_token: bool = False,
     ) -> None:
         self._app = app
         self._games = games
         self._idle_seconds = idle_seconds
         self._now = now
+        self._needs_token = needs_token
+        self._turns = Turns()
         self._sessions: dict[str, McpSession] = {}
         self._opening: list[McpSession] = []
-        self._checks = asyncio.Semaphore(CHECKS_AT_ONCE)
         self._rechecks = asyncio.Semaphore(CHECKS_AT_ONCE)
         # The owners of accepted tokens, with the time of the last check.
         self._accepted: OrderedDict[str, float] = OrderedDict()
@@ -117,14 +147,45 @@ class SessionKeeper:
             return
         headers = Headers(scope=scope)
         caller = Caller(bearer(headers.get("authorization")), alone=False)
+        if not self._is_known(caller, headers):
+            refusal = await self._newcomer_refusal(caller, headers)
+            if refusal is not None:
+                await refusal(scope, receive, send)
+                return
+        await self._serve(caller, headers, (scope, receive, send))
+
+    def _is_known(self, caller: Caller, headers: Headers) -> bool:
+        if not caller.token:
+            return not self._needs_token
+        session = self._sessions.get(headers.get(SESSION_HEADER, ""))
+        uses_own = session is not None and session.caller.owner == caller.owner
+        return uses_own or caller.owner in self._accepted or self._games.plays(caller)
+
+    async def _newcomer_refusal(self, caller: Caller, headers: Headers) -> Response | None:
+        """Return the answer to a caller whose token is not known, or None if it is accepted."""
+        if self._calls[NEWCOMERS] >= MAX_NEWCOMERS:
+            return _unavailable(f"{MAX_NEWCOMERS} requests with unknown tokens wait")
+        with counted(self._calls, NEWCOMERS):
+            async with self._turns.turn(NEWCOMERS):
+                if not caller.token:
+                    return invalid_token("send a role token as bearer token")
+                if SESSION_HEADER in headers:
+                    return _no_session()
+                return await self._refusal(caller)
+
+    async def _serve(
+        self, caller: Caller, headers: Headers, request: tuple[Scope, Receive, Send]
+    ) -> None:
+        scope, receive, send = request
         if caller.token and self._calls[caller.owner] >= MAX_REQUESTS_OF_TOKEN:
             refusal = _unavailable(f"{MAX_REQUESTS_OF_TOKEN} calls of this token are in progress")
             await refusal(scope, receive, send)
             return
         with counted(self._calls, caller.owner):
-            await self._serve(caller, headers, (scope, receive, send))
+            async with self._turns.turn(caller.owner) as turn:
+                await self._answer(caller, headers, (scope, receive, _ending(turn, scope, send)))
 
-    async def _serve(
+    async def _answer(
         self, caller: Caller, headers: Headers, request: tuple[Scope, Receive, Send]
     ) -> None:
         scope, receive, send = request
@@ -182,7 +243,7 @@ class SessionKeeper:
     async def _refusal(self, caller: Caller) -> Response | None:
         """Return the answer to a request without a session whose token is not accepted."""
         known = caller.owner in self._accepted
-        error = await self._checked(caller, self._rechecks if known else self._checks)
+        error = await self._checked(caller, known=known)
         if error is None:
             return None
         if isinstance(error, ValidationError):  # Its text would repeat the token.
@@ -197,7 +258,7 @@ class SessionKeeper:
 
     async def _is_revoked(self, caller: Caller) -> bool:
         """Return whether the token of an open session was revoked."""
-        error = await self._checked(caller, self._rechecks)
+        error = await self._checked(caller, known=True)
         # Sessions go on with an expired token, and with one for a single session.
         revoked = isinstance(error, ProtocolError) and error.code == ErrorCode.AUTH_REVOKED
         if revoked:
@@ -205,17 +266,18 @@ class SessionKeeper:
         return revoked
 
     async def _checked(
-        self, caller: Caller, turns: asyncio.Semaphore
+        self, caller: Caller, *, known: bool
     ) -> RobotouilleError | ValidationError | TimeoutError | None:
         """Ask the game server, from time to time, why it refuses a token; None if it accepts it."""
         last = self._accepted.get(caller.owner, -math.inf)
         if not caller.token or self._now() < last + RECHECK_SECONDS:
             return None
-        if turns is self._rechecks:
+        if known:
             # Parallel requests of the token do not check it too.
             self._accept(caller)
+        places = self._rechecks if known else nullcontext()
         try:
-            async with asyncio.timeout(CHECK_SECONDS), turns, self._games.visit(caller):
+            async with asyncio.timeout(CHECK_SECONDS), places, self._games.visit(caller):
                 self._accept(caller)
         except (RobotouilleError, ValidationError, TimeoutError) as error:
             return error
@@ -292,5 +354,12 @@ def invalid_token(reason: str) -> Response:
     )
 
 
+def _no_session() -> Response:
+    error = {"code": INVALID_REQUEST, "message": "Session not found"}
+    return JSONResponse({"jsonrpc": "2.0", "id": None, "error": error}, status_code=404)
+
+
 def _unavailable(reason: str) -> Response:
-    return JSONResponse({"error": reason}, status_code=503, headers={"retry-after": "1"})
+    # New connections are accepted a few at a time, so refused clients cannot use up all turns.
+    headers = {"retry-after": "1", "connection": "close"}
+    return JSONResponse({"error": reason}, status_code=503, headers=headers)

@@ -28,6 +28,7 @@ from robotouille_client.mcp_server.results import (
     explained,
     view_words,
 )
+from robotouille_client.mcp_server.turns import end_turn
 
 MAX_WAIT_SECONDS = 60.0
 """Maximum waiting time of a tool. MCP clients abandon calls after about a minute."""
@@ -247,7 +248,10 @@ async def _called(ctx: Ctx, game: str | None) -> AsyncIterator[OpenGame]:
     """Open the caller's game for one call."""
     with explained():
         async with _games(ctx).using(caller_of(ctx), game) as opened:
-            yield opened
+            try:
+                yield opened
+            finally:
+                end_turn()
 
 
 def _seen(view: GameView) -> CallToolResult:

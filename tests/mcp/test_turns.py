@@ -1,0 +1,129 @@
+"""Turns of the requests of a token."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from typing import Any
+
+import pytest
+from starlette.responses import PlainTextResponse
+from starlette.types import Message, Receive, Scope, Send
+
+from robotouille_client.mcp_server import turns
+from robotouille_client.mcp_server.open_games import OpenGames
+from robotouille_client.mcp_server.sessions import SessionKeeper
+from robotouille_client.mcp_server.turns import TURNS_AT_ONCE, Turns, waiting
+
+PASSES = 20
+
+
+class Trusting(OpenGames):
+    """Open games of a game server that accepts all tokens."""
+
+    @asynccontextmanager
+    async def visit(self, caller: Any) -> AsyncIterator[Any]:
+        yield None
+
+
+class Served:
+    """Application that takes a while, and its requests by token."""
+
+    def __init__(self) -> None:
+        self.now = Counter[str]()
+        self.most = Counter[str]()
+        self.done = 0
+        self._keeper = SessionKeeper(self, Trusting("ws://127.0.0.1:9"), 600, lambda: 0.0)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        token = dict(scope["headers"]).get(b"authorization", b"").decode()
+        self.now[token] += 1
+        self.most[token] = max(self.most[token], self.now[token])
+        for _ in range(PASSES):
+            await asyncio.sleep(0)
+        self.now[token] -= 1
+        await PlainTextResponse("done")(scope, receive, send)
+
+    def ask(self, token: str = "", session: str = "") -> asyncio.Task[None]:
+        """Send a request."""
+        headers = {"authorization": f"Bearer {token}" if token else "", "mcp-session-id": session}
+        raw = [(name.encode(), value.encode()) for name, value in headers.items() if value]
+        scope = {"type": "http", "method": "POST", "headers": raw, "client": ("127.0.0.1", 1)}
+        return asyncio.create_task(self._keeper(scope, self._receive, self._send))
+
+    async def _receive(self) -> Message:
+        return {"type": "http.request", "body": b"", "more_body": False}
+
+    async def _send(self, message: Message) -> None:
+        self.done += message["type"] == "http.response.start"
+
+
+async def test_a_few_requests_of_one_token_are_served_at_once_and_all_in_turn() -> None:
+    served = Served()
+    await served.ask("eve")
+    await served.ask("ada")
+    crowd = [served.ask("eve") for _ in range(60)]
+    for _ in range(PASSES):
+        await asyncio.sleep(0)
+    await served.ask("ada")
+    assert served.done < 30
+    await asyncio.gather(*crowd)
+    assert served.most["Bearer eve"] == TURNS_AT_ONCE
+
+
+async def test_strangers_are_refused_one_in_a_pass_of_the_event_loop() -> None:
+    served = Served()
+    strangers = [served.ask(f"made-up-{number}", "unknown") for number in range(100)]
+    for _ in range(PASSES):
+        await asyncio.sleep(0)
+    assert 0 < served.done <= PASSES
+    await asyncio.gather(*strangers)
+    assert served.done == len(strangers)
+    assert not served.most
+
+
+async def test_requests_that_are_never_answered_keep_no_turns(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(turns, "TURN_SECONDS", 0.0)
+    ours = Turns()
+    async with AsyncExitStack() as stack:
+        for _ in range(3 * TURNS_AT_ONCE):
+            await stack.enter_async_context(ours.turn("ada"))
+
+
+async def test_cancelled_requests_keep_no_turns() -> None:
+    ours = Turns()
+
+    async def hold() -> None:
+        async with ours.turn("ada"):
+            await asyncio.Event().wait()
+
+    for after in range(4):
+        held = [asyncio.create_task(hold()) for _ in range(3 * TURNS_AT_ONCE)]
+        for _ in range(after):
+            await asyncio.sleep(0)
+        for each in held:
+            each.cancel()
+        await asyncio.gather(*held, return_exceptions=True)
+    async with ours.turn("ada"):
+        pass
+
+
+async def test_a_call_that_waits_leaves_its_turn_and_waits_for_another() -> None:
+    ours, went_on = Turns(), asyncio.Event()
+
+    async def call() -> None:
+        async with ours.turn("ada"):
+            async with waiting():
+                pass
+            went_on.set()
+
+    async with AsyncExitStack() as stack:
+        for _ in range(TURNS_AT_ONCE - 1):
+            await stack.enter_async_context(ours.turn("ada"))
+        waits = asyncio.create_task(call())
+        await went_on.wait()
+        await waits
