@@ -64,7 +64,7 @@ async def lab(folder: Path, nodes: int = 3, **view: Any) -> AsyncIterator[Lab]:
             port = await stack.enter_async_context(
                 operator_view(node.server, port=0, **{**tokens, **view})
             )
-            http = httpx.AsyncClient(base_url=port.url, timeout=None, trust_env=False)
+            http = httpx.AsyncClient(base_url=port.url, timeout=None, trust_env=False, verify=False)
             apis.append(Api(await stack.enter_async_context(http)))
         url = cluster[0].url
         clients: list[Client] = [

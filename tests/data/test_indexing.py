@@ -206,7 +206,7 @@ def test_small_files_of_many_rows_are_not_held_together(
     first = next(place for place, frame in enumerate(frames) if frame["kind"] == "step")
     steps = [{"kind": "step", "step": n, "t": n, "moves": []} for n in range(1, 2001)]
     frames[-1]["outcome"]["steps"] = len(steps)
-    for number in range(9):
+    for number in range(5):
         folder = tmp_path / ("many" if number else "one")
         folder.mkdir(exist_ok=True)
         frames[0]["episode"] = f"e{number}"
@@ -216,7 +216,7 @@ def test_small_files_of_many_rows_are_not_held_together(
     monkeypatch.setattr(reading, "MAX_FILE", 1024 * 1024)
     indexed(str(tmp_path / "imports.sqlite"), tmp_path / "one", jobs=1)
     most = {}
-    for name, count in (("one", 1), ("many", 8)):
+    for name, count in (("one", 1), ("many", 4)):
         tracemalloc.start()
         try:
             report = indexed(str(tmp_path / f"{name}.sqlite"), tmp_path / name, jobs=1)

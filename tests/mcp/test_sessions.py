@@ -102,7 +102,9 @@ class Service:
 async def service(folder: Path, **options: Any) -> AsyncIterator[Service]:
     async with AsyncExitStack() as stack:
         server = await stack.enter_async_context(serving(folder, **options))
-        raw = await stack.enter_async_context(httpx.AsyncClient(trust_env=False, timeout=30))
+        raw = await stack.enter_async_context(
+            httpx.AsyncClient(trust_env=False, timeout=30, verify=False)
+        )
         games = OpenGames(server.url)
         app = http_app(mcp_server(lambda: games), games, idle_seconds=600)
         with listening_socket("127.0.0.1", 0) as listening:

@@ -120,20 +120,23 @@ def played_alone(folder: Path, seconds: int) -> Recording:
 # Bots
 
 
-def served_alone(world: World, steps: int) -> State:
+def served_alone(world: World, steps: int) -> list[State]:
+    """Return all states of a shift in which a bot is alone."""
     policy, state = ShiftPolicy(world, "robot1", ALONE), world.initial
+    states = [state]
     for _ in range(steps):
         action = policy.act(state)
         result = state.step(action)
         assert all(attempt.applied for attempt in result.attempts)
         policy.observe([("robot1", a.action, a.applied) for a in result.attempts])
         state = result.state
-    return state
+        states.append(state)
+    return states
 
 
 def test_bot_washes_plates_and_cooks_soup_for_its_orders(tmp_path: Path) -> None:
     arrivals = [{"at": 20 * i, "dish": dish} for i, dish in enumerate(["toast", "toast", "soup"])]
-    state = served_alone(bistro(tmp_path, arrivals=arrivals), 130)
+    state = served_alone(bistro(tmp_path, arrivals=arrivals), 130)[-1]
     assert state.orders is not None
     assert (state.orders.served, state.orders.expired) == (3, 0)
 
@@ -160,10 +163,10 @@ def test_bot_finishes_what_is_on_the_hatch_before_a_more_urgent_dish(tmp_path: P
         del shift[scores]
     (tmp_path / "sandwiches.json").write_text(json.dumps(problem))
     world = World(load_task(str(tmp_path / "sandwiches.json"), seats=1))
-    served_first = served_alone(world, 12).orders
+    states = served_alone(world, 30)
+    served_first, both = states[12].orders, states[30].orders
     assert served_first is not None
     assert [order.number for order in served_first.open] == [1]
-    both = served_alone(world, 30).orders
     assert both is not None
     assert (both.served, both.expired) == (2, 0)
 

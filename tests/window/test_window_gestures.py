@@ -77,8 +77,8 @@ def test_idle_players_breathe_and_blink_but_not_in_a_pause(course) -> None:
     shown = at(course, 1, previous=None)
     moments = [replace(shown, seconds=n / 12) for n in range(44)]
     assert 3 <= looks(Painter(), moments) <= 12, "few pictures cost little"
-    assert looks(Painter(preferences=STILL), moments) == 1
-    assert looks(Painter(), [replace(view, offline=0.0) for view in moments]) == 1
+    assert looks(Painter(preferences=STILL), moments[::4]) == 1
+    assert looks(Painter(), [replace(view, offline=0.0) for view in moments[::4]]) == 1
 
 
 def test_teammates_look_at_who_speaks() -> None:

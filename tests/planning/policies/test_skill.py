@@ -7,7 +7,6 @@ import pytest
 from robotouille import GroundAction, State, World, load_task
 from robotouille.episode import Clock
 from robotouille.errors import RobotouilleError
-from robotouille.planning.policies import PlannerPolicy
 from robotouille.planning.policies.policy import Did
 from robotouille.planning.policies.skill import (
     EXPERT,
@@ -71,8 +70,7 @@ def test_someone_who_does_not_look_ahead_waits_for_the_stove() -> None:
 )
 def test_the_default_skill_fits_the_company(clock: str, kind: str, partner: bool) -> None:
     world = World("multi_agent/01@2")
-    plain = PlannerPolicy(world, "robot1", start=world.initial)
-    bot = SkilledPolicy(plain, "robot1", None, step_seconds=0.2)
+    bot = SkilledPolicy(Thinker("robot1"), "robot1", None, step_seconds=0.2)
     bot.meet({"robot1": "bot", "robot2": kind}, clock)
     action = bot.act(world.initial)
     assert action is not None
