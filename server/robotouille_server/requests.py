@@ -112,7 +112,9 @@ class ClusterRequests(Protocol):
 
     def mirror_of(self, session: str, episode: str) -> JoinedRoom | None: ...
 
-    async def create(self, opening: Opening) -> messages.Created: ...
+    async def create(
+        self, opening: Opening, finding: AbstractContextManager[None] | None = None
+    ) -> messages.Created: ...
 
     async def close(self, message: messages.Close, owner: str, *, operator: bool) -> str: ...
 
@@ -288,9 +290,10 @@ class Requests:
         self._peer.send(created)
 
     async def _create_in(self, cluster: ClusterRequests, opening: Opening) -> None:
-        with self._counting_guesses(opening.request.rematch):
-            created = await cluster.create(opening)
-        self._peer.answer(created)
+        # Many connections may wait for a turn. The check comes after it, when the wrong codes of
+        # the others are counted.
+        guess = self._counting_guesses(opening.request.rematch)
+        self._peer.answer(await cluster.create(opening, guess))
 
     def _close(self, message: messages.Close) -> None:
         role = self._session.role

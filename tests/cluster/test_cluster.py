@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import random
+from collections import Counter
 from collections.abc import Callable
+from contextlib import AsyncExitStack
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -18,6 +20,7 @@ from robotouille.replay import recording
 from robotouille.replay.recording import read_recording
 from robotouille_client import Client, Game, connect
 from robotouille_server.auth.roles import Role
+from robotouille_server.auth.visitors import WRONG_CODES_A_MINUTE
 from robotouille_server.cli import _first_of_cluster
 from robotouille_server.cluster.bus import Bucket, Entry, Stored, UnavailableError
 from robotouille_server.cluster.episodes.claims import Claims
@@ -31,6 +34,7 @@ from robotouille_server.rooms.recording import journal
 from robotouille_server.rooms.recording.archive import FRAMES_A_TURN
 from tests.support.buses import Handler, SimulatedBus, SimulatedNats
 from tests.support.clusters import Nodes, cluster_of, cluster_on
+from tests.support.handshakes import FORWARDED, hello, opened
 from tests.support.virtual_time import stand_still, virtual
 
 TASK = "training/03_multi_agent"
@@ -845,6 +849,21 @@ class TestTakeover:
             assert found.steps == 8
             stored = nodes.nats.storage.files[path.name]
             assert stored == path.read_bytes()
+
+
+@virtual
+async def test_simultaneous_rematches_do_not_allow_more_wrong_codes(tmp_path: Path) -> None:
+    """Each connection's request passed the check before the others were counted."""
+    wrong = {"type": "create", "rematch": "AAAAA-AAAAA"}
+    async with cluster_of(tmp_path, 2) as nodes, AsyncExitStack() as stack:
+        eves = [
+            await stack.enter_async_context(opened(nodes[0].server, **FORWARDED)) for _ in range(40)
+        ]
+        for eve in eves:
+            await hello(eve)
+        answers = await asyncio.gather(*(eve.ask(wrong) for eve in eves))
+    codes = Counter(answer["code"] for answer in answers)
+    assert codes == {"episode/unknown": WRONG_CODES_A_MINUTE, "rate/codes": 20}
 
 
 @virtual

@@ -217,6 +217,12 @@ FLOODS = {
         cluster=True,
         connections=60,
     ),
+    "cluster-openings": Flood(
+        "games that 8 hosts at another node open and close at once",
+        opens=True,
+        cluster=True,
+        connections=8,
+    ),
     "cluster-watching": Flood(
         "watching and leaving a game from another node, from 60 connections",
         _in_and_out,

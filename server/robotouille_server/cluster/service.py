@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AbstractContextManager, asynccontextmanager, nullcontext
 
 from pydantic import BaseModel, ValidationError
 
@@ -126,8 +126,15 @@ class ClusterService:
 
     # Opening
 
-    async def create(self, opening: Opening) -> messages.Created:
-        """Open an episode on the node with the least load that answers."""
+    async def create(
+        self, opening: Opening, finding: AbstractContextManager[None] | None = None
+    ) -> messages.Created:
+        """Open an episode on the node with the least load that answers.
+
+        Args:
+            opening: The request.
+            finding: Context in which the game of a rematch is looked up.
+        """
         silent: set[str] = set()
         await self._turns.next()
         # Only this node knows the game of a rematch.
@@ -140,7 +147,7 @@ class ClusterService:
             except NoAnswererError:
                 # It has just died. After other errors, it may have opened the episode.
                 silent.add(place.name)
-        return await self._create_here(opening)
+        return await self._create_here(opening, finding)
 
     async def _create_on(self, node: str, opening: Opening) -> messages.Created:
         data = opening.model_dump_json().encode()
@@ -154,10 +161,13 @@ class ClusterService:
             raise ProtocolError("server/internal", "another node failed to open the episode")
         return answer.created
 
-    async def _create_here(self, opening: Opening) -> messages.Created:
+    async def _create_here(
+        self, opening: Opening, finding: AbstractContextManager[None] | None = None
+    ) -> messages.Created:
         await simulate_plan(self.services, opening.request)
         await self._turns.next()
-        room, created = open_episode(self.services, opening)
+        with finding or nullcontext():
+            room, created = open_episode(self.services, opening)
         try:
             await self.node.registered(room.id)
         except BusError as error:
