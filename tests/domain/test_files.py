@@ -27,7 +27,10 @@ BROKEN = {
     "UTF-16": ("{}".encode("utf-16"), "is not UTF-8 text: byte 0"),
     "deep": (b"[" * 100_000, f"nested more than {MAX_NESTING} levels"),
     "deep objects": (b'{"a":' * 5000 + b"1" + b"}" * 5000, "nested more than"),
-    "a huge number": (b'{"width": ' + b"9" * 5000 + b"}", "is not JSON: .*digits"),
+    "a huge number": (
+        b'{"width": ' + b"9" * 5000 + b"}",
+        "json: has an integer with more than 4,300 digits$",
+    ),
     "a list": (b"[]", "valid dictionary or instance of ProblemFile, found \\[\\]"),
     "null": (b"null", "valid dictionary or instance of ProblemFile, found None"),
 }

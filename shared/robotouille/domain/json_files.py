@@ -8,6 +8,7 @@ from __future__ import annotations
 import copy
 import json
 import re
+import sys
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
@@ -79,6 +80,9 @@ def parse_json(text: str, source: str, most: int = MAX_VALUES) -> Any:
     except json.JSONDecodeError as error:
         _fail(source, f"is not JSON: {error.msg} at line {error.lineno}, column {error.colno}")
     except ValueError as error:
+        if "int_max_str_digits" in str(error):  # Python's advice is not for users.
+            most_digits = sys.get_int_max_str_digits()
+            _fail(source, f"has an integer with more than {most_digits:,} digits")
         _fail(source, f"is not JSON: {error}")
     _check_text(text, value, source)
     return value
