@@ -66,6 +66,21 @@ def test_ids_are_unique_and_links_have_targets(page: str) -> None:
     assert clips <= {*ids}
 
 
+def test_tasks_that_are_not_shipped_are_not_searched(monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded: list[str] = []
+
+    def load(name: str, **options: Any) -> Any:
+        loaded.append(name)
+        return load_task(name, **options)
+
+    monkeypatch.setattr(write, "load_task", load)
+    shipped = "synchronous/01_cheese_sandwich"
+    rows = [row(task=f"synchronous/unknown_{number}") for number in range(5)]
+    (graph,) = write.task_graphs([*rows, row(task=shipped)])
+    assert graph.name == "graph_synchronous_01_cheese_sandwich"
+    assert loaded == [shipped]
+
+
 def test_page_shows_scores_of_shifts() -> None:
     rows = [shift_row(87, task="01_x"), shift_row(50, task="02_x", agent="random")]
     text = page_of(rows)
