@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from robotouille_evaluation.cli.planning import PlannedRun
     from robotouille_evaluation.runs import EpisodeJob, RunFolder, Workers
 
+MAX_WIDTH, MAX_LINE = 40, 500
+"""Most characters of the column of names and of a line, in a list of agents."""
+
 # Imports of packs, models and runs are in the functions: `--help` must not wait for them.
 
 
@@ -98,9 +101,10 @@ def agents(
     from robotouille_evaluation.packs.store import read_pack
 
     lines = list(agent_lines(() if pack is None else read_pack(pack).experiments))
-    width = max(len(name) for name, _ in lines)
+    # Packs may come from other people, and one long name would widen all lines.
+    width = min(max(len(name) for name, _ in lines), MAX_WIDTH)
     for name, words in lines:
-        tell(printable(f"{name:{width}}  {words}"))
+        tell(printable(f"{name:{width}}  {words}"[:MAX_LINE]))
 
 
 def _workers(options: WorkerOptions) -> Workers:

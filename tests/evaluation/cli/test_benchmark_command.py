@@ -218,6 +218,15 @@ def test_resume_repeats_episodes_with_errors(tmp_path: Path) -> None:
     assert job.agent.base_url == nobody
 
 
+def test_long_names_of_a_pack_are_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    long = ("x" * 1_000_000, "published experiment: io on 1 tasks")
+    monkeypatch.setattr(planning, "agent_lines", lambda experiments: iter([("io", "asks"), long]))
+    lines = called("agents").output.splitlines()
+    assert len(lines) == 2
+    assert max(map(len, lines)) <= 500
+    assert len(lines[0]) < 100
+
+
 def test_unknown_experiments() -> None:
     settings = [
         Experiment(f"{agent}/{dataset}/{name}", agent, (), (), (), {})
