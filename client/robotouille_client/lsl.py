@@ -67,9 +67,15 @@ def markers(event: GameEvent, step: int) -> Iterator[str]:
     """
     for row in _rows(event):
         # Programs may record a marker for hours, and a hostile server's texts have megabytes.
-        short = {k: v[:MAX_WORDS] if isinstance(v, str) else v for k, v in row.items()}
+        short = {name: _shortened(value) for name, value in row.items()}
         text = json.dumps({"step": step, **short}, ensure_ascii=False, separators=(",", ":"))
         yield printable_json(text)  # LSL cannot encode half of a surrogate pair.
+
+
+def _shortened(value: Any) -> Any:
+    if isinstance(value, list):
+        return [word[:MAX_WORDS] for word in value]
+    return value[:MAX_WORDS] if isinstance(value, str) else value
 
 
 def _rows(event: GameEvent) -> Iterator[dict[str, Any]]:
@@ -86,7 +92,8 @@ def _rows(event: GameEvent) -> Iterator[dict[str, Any]]:
         case Announced():
             yield {"event": "announced"}
         case GameEnded(outcome=outcome, reason=reason):
-            yield {"event": "ended", "reason": outcome.get("reason", reason)}
+            # The outcome is any JSON object.
+            yield {"event": "ended", "reason": str(outcome.get("reason", reason))}
 
 
 MAX_WORDS = 500
@@ -288,7 +295,7 @@ def command(
     where = options.address
 
     def opening(game: Game, offsets: list[float]) -> Outlets:
-        tell(printable(f"streaming {game.episode}: {game.world.task.name}"), err=True)
+        tell(printable(f"streaming {game.episode}: {game.world.task.name}")[:MAX_WORDS], err=True)
         return open_outlets(pylsl, game.episode, game.world.task.name, where, offsets)
 
     async def run() -> Game:
@@ -296,8 +303,8 @@ def command(
             return await stream(client, episode, opening)
 
     game = asyncio.run(run())
-    reason = game.outcome["reason"] if game.outcome else "the connection was lost"
-    tell(printable(f"ended at step {game.step}: {reason}"), err=True)
+    reason = str(game.outcome["reason"]) if game.outcome else "the connection was lost"
+    tell(printable(f"ended at step {game.step}: {reason[:MAX_WORDS]}"), err=True)
 
 
 def main() -> None:

@@ -51,6 +51,18 @@ def test_repeated_phase_is_one_marker() -> None:
     ]  # fmt: skip
 
 
+def test_markers_of_a_hostile_server_are_short() -> None:
+    long = "x" * 1_000_000
+    action = MagicMock(arguments=(long,))
+    action.name = long
+    step = StateChanged(7, WORLD.initial, None, (("robot1", action, True),))
+    reasons: tuple[object, ...] = (long, {"reason": [long] * 3}, [[long]])
+    ends = [GameEnded({"reason": reason}, "", "") for reason in reasons]
+    for event in (step, *ends):
+        (marker,) = markers(event, 7)
+        assert len(marker) < 2_000
+
+
 def test_step_sample_has_a_value_for_each_channel() -> None:
     assert step_sample(STEP, 0.0015) == [7, 1, 1, 1.5]
     assert len(STEP_CHANNELS) == 4
