@@ -8,6 +8,7 @@ import re
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
@@ -69,8 +70,7 @@ def read_picture(path: Path) -> bytes:
     if len(content) > MAX_LOCAL_BYTES:
         raise PictureError(f"has more than {MAX_LOCAL_BYTES:,} bytes")
     if path.suffix == ".svg":
-        shipped = path.resolve().is_relative_to(data_folder("assets").resolve())
-        return content if shipped else plain_svg(content)
+        return content if path.resolve().is_relative_to(_shipped()) else plain_svg(content)
     if not content.startswith(SIGNATURE + b"\0\0\0\rIHDR") or len(content) < 24:
         raise PictureError("is neither SVG nor PNG")
     width, height = struct.unpack(">II", content[16:24])
@@ -78,6 +78,11 @@ def read_picture(path: Path) -> bytes:
         most = f"at most {MAX_LOCAL_SIDE} × {MAX_LOCAL_SIDE} are drawn"
         raise PictureError(f"has {width} × {height} pixels; {most}")
     return content
+
+
+@cache
+def _shipped() -> Path:
+    return data_folder("assets").resolve()
 
 
 def picture_fault(path: Path) -> str:
