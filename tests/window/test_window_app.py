@@ -194,6 +194,7 @@ async def test_a_video_is_saved_or_cancelled(session: WindowSession) -> None:
     assert not session.user.ended
 
 
+@pytest.mark.slow
 async def test_the_next_task_keeps_the_company(session: WindowSession) -> None:
     first = GameSetup("multi_agent/10", seats=3, clock=Clock.TURN, max_steps=1, partner="random")
     played: list[tuple[str, list[str]]] = []
@@ -549,9 +550,10 @@ async def test_a_card_explains_a_shift_before_its_clock_starts(session: WindowSe
 @pytest.mark.parametrize(
     ("setup", "stars"),
     [
-        (
+        pytest.param(
             GameSetup("shifts/01_sandwich_bar", seats=1, max_steps=3, countdown=0.0),
             "One star needs 87 points, two need 175, three need 264.",
+            marks=pytest.mark.slow,
         ),
         (
             GameSetup("synchronous/01", max_steps=3, countdown=0.0),

@@ -59,7 +59,7 @@ def kitchen() -> Kitchen:
     return Kitchen()
 
 
-@pytest.mark.parametrize("by_signal", [True, False])
+@pytest.mark.parametrize("by_signal", quick_sample([True, False]))
 def test_a_bot_waits_when_asked_to(kitchen: Kitchen, by_signal: bool) -> None:
     kitchen.step()
     signal = Signal(Intent.WAIT) if by_signal else None

@@ -31,6 +31,7 @@ def walking_to_and_fro(state: State, player: str, steps: int) -> list[Did]:
     return did
 
 
+@pytest.mark.slow
 def test_bot_that_stands_while_others_act_is_counted() -> None:
     kitchen = kitchen_of("01", 2)
     busy, idle = kitchen.world.players
