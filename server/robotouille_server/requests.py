@@ -293,7 +293,10 @@ class Requests:
         # Many connections may wait for a turn. The check comes after it, when the wrong codes of
         # the others are counted.
         guess = self._counting_guesses(opening.request.rematch)
-        self._peer.answer(await cluster.create(opening, guess))
+        try:
+            self._peer.answer(await cluster.create(opening, guess))
+        except ElsewhereError as error:
+            self._peer.send(error.moved(opening.request.ref))
 
     def _close(self, message: messages.Close) -> None:
         role = self._session.role

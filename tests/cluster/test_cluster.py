@@ -852,6 +852,17 @@ class TestTakeover:
 
 
 @virtual
+async def test_rematch_at_another_node_is_sent_to_the_game(tmp_path: Path) -> None:
+    async with cluster_of(tmp_path, 2) as nodes, connect(nodes[0].url, name="ada") as ada:
+        created = await ada.create(TASK)
+        owner = nodes.owner(created.episode)
+        async with opened(nodes.others(owner)[0].server) as eve:
+            await hello(eve)
+            answer = await eve.ask({"type": "create", "rematch": created.code}, "moved")
+    assert (answer["type"], answer["url"]) == ("moved", owner.url)
+
+
+@virtual
 async def test_simultaneous_rematches_do_not_allow_more_wrong_codes(tmp_path: Path) -> None:
     """Each connection's request passed the check before the others were counted."""
     wrong = {"type": "create", "rematch": "AAAAA-AAAAA"}
