@@ -28,7 +28,7 @@ from robotouille.domain.rendering import NO_WORDS, Language
 from robotouille.domain.task import Timing
 from robotouille.planning.plan import Plan, SearchResult
 from robotouille.planning.policies.agenda import Agenda, Aim, OneGoal
-from robotouille.planning.policies.aside import holds
+from robotouille.planning.policies.aside import after, holds
 from robotouille.planning.policies.company import Company
 from robotouille.planning.policies.conversation import Conversation
 from robotouille.planning.policies.courtesy import Courtesy
@@ -418,13 +418,13 @@ class PlannerPolicy:
 
         Another player stands where it is needed, or the seat has just laid it down in vain.
         """
-        # An object in hand would keep the seat from other work.
-        if not self._hurried or holds(state, self.player):
-            return False
-        if watch.assumption is Assumption.TEAM:
+        if not self._hurried or watch.assumption is Assumption.TEAM or holds(state, self.player):
             return False
         action = watch.script.non_move_action(self.player)
-        if action is not None and self._way.takes_back(action, state, self._company.team):
+        # An object in hand would keep the seat from other work. Cutting or boiling does not.
+        if action is None or not holds(after(state, self._own(action)), self.player):
+            return False
+        if self._way.takes_back(action, state, self._company.team):
             return True
         if watch.assumption is not Assumption.OTHERS_ASIDE:
             return False

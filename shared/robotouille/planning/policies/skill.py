@@ -27,7 +27,7 @@ class Skill:
         pace: Minimum number of seconds between the starts of two actions.
         rest: Share of its working time that the bot leaves to others, from 0 to below 1. After
             each piece of work it rests for this share of the time. Several bots next to people
-            rest longer: k bots work as much as the square root of k bots.
+            who do nothing rest longer: k bots work as much as the square root of k bots.
         slips: Probability that a walk leads to a wrong place.
         looks_ahead: False for a bot that waits next to what it cooks instead of doing other work.
     """
@@ -73,6 +73,9 @@ def skill_named(name: str) -> Skill:
 MAX_REST = 3.0
 """Maximum number of seconds of one rest."""
 
+HELPED = 20.0
+"""Seconds after a person's work for which several bots rest no longer than one."""
+
 
 class SkilledPolicy:
     """Policy that carries out another policy's decisions with limited skill.
@@ -97,6 +100,8 @@ class SkilledPolicy:
         self._player = player
         self._skill = skill or EXPERT
         self._rest = self._skill.rest
+        self._people: frozenset[str] = frozenset()
+        self._helped = -math.inf
         self._fits_company = skill is None
         self._rate = 1 / step_seconds if step_seconds else 0.0
         self._random = random.Random(f"{seed}:{player}:skill")
@@ -163,6 +168,8 @@ class SkilledPolicy:
     def observe(self, did: Did) -> None:
         self._step += 1
         for player, action, applied in did:
+            if player in self._people and applied and action.destination is None:
+                self._helped = self._step
             if player == self._player and applied and (action.touched or action.effects):
                 self._note(action)
         self._policy.observe(did)
@@ -181,12 +188,16 @@ class SkilledPolicy:
         self._pause(taken - step)
         self._worked += taken
         if action.destination is None and self._rest:
-            rest = min(self._worked * self._rest / (1 - self._rest), MAX_REST)
+            # A person who helps must not make the game longer, however slow the person is.
+            helped = self._step - self._helped < HELPED * self._rate
+            share = self._skill.rest if helped else self._rest
+            rest = min(self._worked * share / (1 - share), MAX_REST)
             self._ready += round(rest * self._rate)
             self._worked = 0.0
 
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
-        people = sum(kind == "human" for kind in kinds.values())
+        self._people = frozenset(p for p, kind in kinds.items() if kind == "human")
+        people = len(self._people)
         if self._fits_company:
             self._skill = SKILLS["partner"] if people and clock == "realtime" else EXPERT
         self._rest = self._skill.rest
