@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import sys
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from typing import NamedTuple
 
 from robotouille import GroundAction, State, World
 from robotouille.domain.rendering import language_of
@@ -185,13 +186,32 @@ class OneOrder(OpenOrders):
         return () if self._begun is None else (self.planner(self._begun),)
 
 
+class Pauses(NamedTuple):
+    """Pauses of a person: their probability in each step, and their least and greatest length."""
+
+    probability: float
+    shortest: int
+    longest: int
+
+
+USUAL, LONG = Pauses(0.05, int(RATE), int(4 * RATE)), Pauses(0.1, int(RATE), int(6 * RATE))
+
+
 class Newcomer:
     """Cooks with a newcomer's pauses, and makes way two seconds after a request."""
 
     kind = "human"
     anticipating = False
 
-    def __init__(self, world: World, player: str, seed: int, agenda: Agenda | None = None) -> None:
+    def __init__(
+        self,
+        world: World,
+        player: str,
+        seed: int,
+        *,
+        agenda: Agenda | None = None,
+        pauses: Pauses = USUAL,
+    ) -> None:
         skill = Skill(reaction=0.4, pace=0.6, slips=0.03)
         self._player = player
         self._cook = Cook(world, player, agenda)
@@ -199,7 +219,7 @@ class Newcomer:
         self._random = random.Random(f"{seed}:{player}")
         self._wording = Wording(world, language_of(world.task))
         self._state = world.initial
-        self._pause = 0
+        self._pauses, self._pause = pauses, 0
         self._asked = -1
 
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
@@ -226,8 +246,8 @@ class Newcomer:
         self._pause -= 1
         if self._pause > 0:
             return None
-        if self._random.random() < 0.05:
-            self._pause = self._random.randint(5, 20)
+        if self._random.random() < self._pauses.probability:
+            self._pause = self._random.randint(self._pauses.shortest, self._pauses.longest)
             return None
         return self._policy.act(state)
 
@@ -246,14 +266,15 @@ def person(kind: str, world: World, player: str, seed: int) -> Policy:
         "at_stove": lambda: Blocker(player, STOVES),
         "at_hatch": lambda: Blocker(player, COUNTERS),
         "helpful": lambda: Newcomer(world, player, seed),
-        "stubborn": lambda: Newcomer(world, player, seed, OneOrder(world, seed)),
+        "slow": lambda: Newcomer(world, player, seed, pauses=LONG),
+        "stubborn": lambda: Newcomer(world, player, seed, agenda=OneOrder(world, seed)),
     }
     return made[kind]()
 
 
 PEOPLE = (
     "idle", "wandering", "hoarding", "keeping", "blocking", "at_stove", "helpful",
-    "at_hatch", "stubborn",
+    "slow", "at_hatch", "stubborn",
 )  # fmt: skip
 IN_SHIFTS = ("at_hatch", "stubborn")
 """People who only make sense in a shift."""

@@ -30,6 +30,7 @@ from robotouille.planning.policies.team_talk import INSIST
 from tests.programs.simulated_people import RATE, person
 from tests.support.samples import quick_sample
 from tests.support.team_games import Idle, RandomWalker, play_team
+from tests.world.kitchens import kitchen
 
 LAYER = 512
 """Expansions by which a search may go beyond its limit."""
@@ -252,6 +253,25 @@ def test_bot_on_a_slow_machine_never_thinks_for_long(task: str, who: str) -> Non
         speed=SLOW_MACHINE,
     )
     assert max((thought.steps for thought in game.thoughts), default=0) <= RATE
+
+
+def test_work_begins_though_a_person_stands_where_the_next_object_lies() -> None:
+    world = kitchen(
+        items=[
+            {"name": "patty", "x": 3, "y": 0, "predicates": ["iscookable"]},
+            {"name": "tomato", "x": 1, "y": 0, "predicates": ["iscuttable"]},
+        ],
+        goal=[
+            {"predicate": "iscooked", "args": ["patty"], "ids": [1]},
+            {"predicate": "iscut", "args": ["tomato"], "ids": [2]},
+        ],
+        players=[
+            {"name": "robot", "x": 1, "y": 1, "direction": [0, -1]},
+            {"name": "robot", "x": 3, "y": 1, "direction": [0, -1]},
+        ],
+    )
+    game = play_team(world.task, {"robot1": Idle("robot1")}, clock=Clock.REALTIME, limit=10)
+    assert "cook" in [action.name for did in game.steps for _, action, applied in did if applied]
 
 
 @pytest.mark.slow

@@ -110,6 +110,39 @@ def test_bot_thinks_in_its_pauses() -> None:
     assert thinker.thoughts == pause > 0
 
 
+class Taker(Thinker):
+    """Policy that takes the object at its place."""
+
+    def act(self, state: State) -> GroundAction | None:
+        return next((a for a in state.actions(self._player) if not a.destination), None)
+
+
+def pause_after_work(did: Did) -> int:
+    """Return the steps that one of three bots rests after its work, when others did something."""
+    state = World(load_task("multi_agent/10@4")).initial
+    bot = SkilledPolicy(Taker("robot4"), "robot4", Skill(pace=1.0, rest=0.3), step_seconds=0.2)
+    bot.meet({p: "human" if p == "robot1" else "bot" for p in state.world.players}, "realtime")
+    take = bot.act(state)
+    assert take is not None
+    bot.observe([*did, ("robot4", take, True)])
+    pause = 0
+    while bot.act(state) is None:
+        pause += 1
+        bot.observe([])
+    return pause
+
+
+def test_several_bots_rest_less_next_to_a_person_who_works() -> None:
+    world = World(load_task("multi_agent/10@4"))
+    walk = next(a for a in world.initial.actions("robot1") if a.destination)
+    work = world.action("pick-up-item", "robot1", "tomato1", "table2")
+    long, short = pause_after_work([]), pause_after_work([("robot1", work, True)])
+    assert pause_after_work([("robot1", walk, True)]) == long
+    assert pause_after_work([("robot1", work, False)]) == long
+    assert pause_after_work([("robot2", work, True)]) == long
+    assert short < long
+
+
 def test_unknown_skill_is_named() -> None:
     with pytest.raises(RobotouilleError, match="did you mean 'expert'"):
         skill_named("expart")

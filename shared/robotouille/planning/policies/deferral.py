@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from robotouille.planning.plan import Plan
 from robotouille.planning.policies.policy import depend, running_effects
-from robotouille.planning.policies.standing import standing_at, walk_to
+from robotouille.planning.policies.standing import standing_at, walk_to, walks_aside
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.scene import scene
 from robotouille.world.world import State
@@ -44,10 +44,13 @@ class _WorkPiece:
 
 
 class _Attempt:
-    """A simulated execution: its state and its steps so far."""
+    """A simulated execution by a team: its state and its steps so far."""
 
-    def __init__(self, state: State, steps: Sequence[tuple[GroundAction, ...]] = ()) -> None:
+    def __init__(
+        self, state: State, team: Sequence[str], steps: Sequence[tuple[GroundAction, ...]] = ()
+    ) -> None:
         self.state = state
+        self._team = team
         self.steps = list(steps)
 
     def take(self, works: Sequence[_WorkPiece], traces: int) -> list[_WorkPiece]:
@@ -77,7 +80,7 @@ class _Attempt:
         return self.state.goal_reached
 
     def _attempt(self, work: _WorkPiece) -> _Attempt | None:
-        attempt = _Attempt(self.state, self.steps)
+        attempt = _Attempt(self.state, self._team, self.steps)
         return (
             attempt
             if all(attempt._perform(work.player, planned) for planned in work.actions)
@@ -87,7 +90,7 @@ class _Attempt:
     def _perform(self, player: str, planned: _PlannedAction) -> bool:
         """Execute an action with the walk that it needs. Return False if it is not possible."""
         if standing_at(self.state, player) != planned.at:
-            walk = walk_to(self.state, player, planned.at)
+            walk = self._walk_to(player, planned.at)
             if walk is None:
                 return False
             self._step((walk,))
@@ -98,6 +101,16 @@ class _Attempt:
             return False
         self._step((planned.action,))
         return True
+
+    def _walk_to(self, player: str, station: str | None) -> GroundAction | None:
+        """Return a walk, before which a member of the team may have to leave the station."""
+        walk = walk_to(self.state, player, station)
+        for member in self._team:
+            if walk is None and standing_at(self.state, member) == station:
+                for away in walks_aside(self.state, member)[:1]:
+                    self._step((away,))
+                walk = walk_to(self.state, player, station)
+        return walk
 
     def _wait(self) -> bool:
         before = self.state
@@ -124,11 +137,11 @@ def defer_blocked(plan: Plan, start: State, here: State, team: Sequence[str]) ->
     # object in hand and could do nothing else.
     works = _work_pieces(plan, start, team)
     traces = _traces(plan, start, team)
-    later = _Attempt(here).take(works, traces)
+    later = _Attempt(here, team).take(works, traces)
     first = [work for work in works if work not in later]
     if not later or not first or works[: len(first)] == first:
         return plan
-    attempt = _Attempt(start)
+    attempt = _Attempt(start, team)
     if attempt.take(first, traces) or attempt.take(later, traces) or not attempt.reaches_goal():
         return plan
     return Plan(tuple(attempt.steps))
@@ -147,7 +160,7 @@ def after_possible(plan: Plan, start: State, here: State, team: Sequence[str]) -
 
     The arguments are those of `defer_blocked`.
     """
-    attempt = _Attempt(here)
+    attempt = _Attempt(here, team)
     attempt.take(_work_pieces(plan, start, team), _traces(plan, start, team))
     return attempt.state
 
