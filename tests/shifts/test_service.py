@@ -141,6 +141,18 @@ def test_bot_washes_plates_and_cooks_soup_for_its_orders(tmp_path: Path) -> None
     assert (state.orders.served, state.orders.expired) == (3, 0)
 
 
+def test_bot_without_orders_waits_for_nobody(tmp_path: Path) -> None:
+    shift = json.loads(SANDWICHES.read_text())
+    shift["shift"]["arrivals"] = [{"at": 9, "dish": "cheese sandwich"}]
+    path = tmp_path / "later.json"
+    path.write_text(json.dumps(shift))
+    world = World(f"{path}@2")
+    bot = ShiftPolicy(world, "robot2", start=world.initial)
+    bot.meet({"robot1": "human", "robot2": "bot"}, "realtime")
+    bot.act(world.initial)
+    assert not bot.waiting
+
+
 def test_bot_does_nothing_without_orders(tmp_path: Path) -> None:
     world = bistro(tmp_path, arrivals=[{"at": 9, "dish": "toast"}])
     policy, state = ShiftPolicy(world, "robot1", ALONE), world.initial

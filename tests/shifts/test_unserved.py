@@ -118,3 +118,17 @@ def test_the_window_says_once_why_a_dish_is_not_served(tmp_path: Path) -> None:
     assert chat.notice == "", "it is not repeated in every step"
     told = tips_about(Controls(state.world), View(state.world, state, me=ME), HATCH)
     assert told[-1].startswith("Nobody has ordered this now: lettuce sandwich.")
+
+
+def test_the_reason_ends_when_the_dish_is_taken_apart(tmp_path: Path) -> None:
+    before = bring(kitchen(tmp_path, "cheese sandwich").initial, "bread", "cut lettuce")
+    chat = ChatLog(lambda: 0.0)
+    feedback = Feedback(chat, Blockages(lambda: 0.0))
+    state = bring(before, "bread")
+    feedback.stepped(before, state, wording(state))
+    assert chat.notice
+    feedback.stepped(state, do(state, "unstack"), wording(state))
+    assert chat.notice == ""
+    chat.announced("Lunch is over.")
+    feedback.stepped(state, do(state, "unstack"), wording(state))
+    assert chat.notice == "Lunch is over.", "other notices stay"

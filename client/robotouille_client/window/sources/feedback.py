@@ -180,7 +180,7 @@ class ChatLog:
         """Bubbles, and until when they are shown."""
         self._lines: deque[tuple[str, str, int]] = deque(maxlen=CHAT_LINES)
         """Speakers, texts, and the number of times of each."""
-        self._notice = ""
+        self._notice = self._about = ""
         self._notice_until = 0.0
 
     def rejected(
@@ -247,11 +247,16 @@ class ChatLog:
         self._lines.append((NEWS, text, 1))
         self.notify(text)
 
-    def notify(self, text: str) -> None:
-        """Show a notice that is not a line of the chat."""
-        self._notice = text
+    def notify(self, text: str, about: str = "") -> None:
+        """Show a notice that is not a line of the chat, about a station if one is named."""
+        self._notice, self._about = text, about
         # Long announcements stay longer, so that everyone has time to read them.
         self._notice_until = self._now() + NOTICE_SECONDS + READING_SECONDS * len(text)
+
+    def withdraw(self, about: str) -> None:
+        """Remove the notice about a station, if it is shown."""
+        if about == self._about:
+            self._notice = ""
 
     def things_taken(self, before: State, state: State) -> None:
         """Remove announcements of actions with things that other players have just taken."""
@@ -323,11 +328,14 @@ class Feedback:
             self._show_unserved(before, state, wording)
 
     def _show_unserved(self, before: State, state: State, wording: Wording) -> None:
-        """Show why a dish that looks ready since a step is not served."""
+        """Show why a dish that looks ready since a step is not served, as long as it is there."""
         known = {(each.station, each.things) for each in unserved(before, wording)}
-        for each in unserved(state, wording):
-            if (each.station, each.things) not in known:
-                self.chat_log.notify(unserved_words(each))
+        now = {(each.station, each.things): each for each in unserved(state, wording)}
+        for station, _ in known - now.keys():
+            self.chat_log.withdraw(station)
+        for (station, _), each in now.items():
+            if (station, each.things) not in known:
+                self.chat_log.notify(unserved_words(each), about=station)
 
     def show_speech(
         self, said: ChatPosted | ChatReceived, player: str, state: State, wording: Wording
