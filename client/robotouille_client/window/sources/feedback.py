@@ -328,7 +328,7 @@ class Feedback:
             self._show_unserved(before, state, wording)
 
     def _show_unserved(self, before: State, state: State, wording: Wording) -> None:
-        """Show why a dish that looks ready since a step is not served, as long as it is there."""
+        """Show why a dish that looks ready since a step is not served, until it changes."""
         known = {(each.station, each.things) for each in unserved(before, wording)}
         now = {(each.station, each.things): each for each in unserved(state, wording)}
         for station, _ in known - now.keys():

@@ -395,7 +395,7 @@ class PlannerPolicy:
             # A seat that plans again still waits for what its last plan relies on.
             return not self.has_plan
         if self._pursued is None:
-            return False  # There is no goal, such as without an open order.
+            return False  # Without an open order, nothing has to be done.
         if script is None or self._way.waited or self._courtesy.at_work(self._step):
             return True
         if self._watch is not None and self._would_take_in_vain(self._watch, state):
