@@ -294,6 +294,21 @@ async def test_one_token_cannot_use_up_the_connections_of_others(
             assert await mcp.alive(session, ada)
 
 
+async def test_all_spellings_of_a_link_count_as_one_token(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions, "MAX_REQUESTS_OF_TOKEN", 2)
+    async with service(tmp_path) as mcp:
+        link = mcp.server.tokens.mint_link("eve", seconds=3600, code="KQXZB-MHTWA")
+        code, _, rest = link.partition(".")
+        lower, plain = f"{code.lower()}.{rest}", f"{code.replace('-', '')}.{rest}"
+        session = await mcp.opened(link)
+        assert await mcp.alive(session, plain)
+        async with mcp.listening(link), mcp.listening(lower):
+            answer = await mcp.send(PING, plain, session)
+            assert (answer.status_code, "in progress" in answer.text) == (503, True)
+
+
 async def test_unknown_tokens_beyond_their_limit_are_refused_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
+from robotouille.protocol.join_codes import plain_token
 from robotouille_server import Server
 from robotouille_server.auth.keys import Key, Keyring, rotate
 from robotouille_server.auth.links import Link, is_link, pack_link, read_link
@@ -67,7 +68,10 @@ def test_every_spelling_of_a_code_has_the_same_id(link: Link) -> None:
     code, _, rest = pack_link(link, KEY).partition(".")
     plain = code.replace("-", "")
     spellings = (code, plain, code.lower(), f"-{plain}", f"{plain[:3]}--{plain[3:]}-")
-    found = [read_link(f"{each}.{rest}", [KEY]) for each in spellings]
+    tokens = [f"{each}.{rest}" for each in spellings]
+    found = [read_link(each, [KEY]) for each in tokens]
+    assert len(set(map(plain_token, tokens))) == 1
+    assert read_link(plain_token(tokens[0]), [KEY]) == found[0]
     assert len({each.token_id for each in found if each is not None}) == 1
     assert None not in found
 

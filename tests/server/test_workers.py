@@ -14,9 +14,10 @@ import psutil
 import pytest
 
 from robotouille.protocol import messages
+from robotouille.protocol.join_codes import plain_code
 from robotouille.replay.recording import read_recording
 from robotouille_client import connect
-from robotouille_server.runtime.workers import ElsewhereError, WorkerSlot, plain_code
+from robotouille_server.runtime.workers import ElsewhereError, WorkerSlot
 from tests.support.worker_processes import COMMAND, workers
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Literal
 
 from robotouille.files.private import user_state
+from robotouille.protocol.join_codes import plain_code
 from robotouille_client.client import Client
 from robotouille_client.game import Game
 
@@ -75,7 +76,7 @@ def kept_seat(folder: Path, url: str, code: str, name: str) -> Iterator[KeptSeat
 
     Yields None if another process holds it, or if the folder cannot be written.
     """
-    key = "\n".join((url, code.strip().replace("-", "").upper(), name))
+    key = "\n".join((url, plain_code(code), name))
     path = folder / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.seat"
     descriptor = _locked(path)
     try:

@@ -15,6 +15,7 @@ from typing import Any, Literal
 from mcp.server.mcpserver import Context
 
 from robotouille.errors import RobotouilleError
+from robotouille.protocol.join_codes import plain_token
 from robotouille_client.client import Client, connect
 from robotouille_client.mcp_server.limits import MAX_GAMES_OF_TOKEN, MAX_VISITS_OF_TOKEN
 from robotouille_client.mcp_server.open_game import OpenGame
@@ -43,7 +44,7 @@ class Caller:
     @property
     def owner(self) -> str:
         """Key of the token. Callers with the same token, or without one, are the same owner."""
-        return hashlib.sha256(self.token.encode()).hexdigest() if self.token else ""
+        return hashlib.sha256(plain_token(self.token).encode()).hexdigest() if self.token else ""
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from typing import Literal
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
+from robotouille.protocol.join_codes import plain_code
 from robotouille_client.errors import ConnectionFailedError, RetryLaterError
 from robotouille_client.sansio.client_state import Request, seat_fields
 from robotouille_client.sansio.game_replica import GameReplica
@@ -71,7 +72,7 @@ def answer_behind(
     if isinstance(request, messages.Leave) and error.code == ErrorCode.EPISODE_NONE:
         return messages.Left(ref=error.ref, episode=left)
     if isinstance(request, messages.Join) and error.code == ErrorCode.EPISODE_JOINED and joined:
-        asked = request.episode.replace("-", "").upper()
-        if asked in (joined.episode.upper(), joined.code.replace("-", "").upper()):
+        asked = plain_code(request.episode)
+        if asked in (joined.episode.upper(), plain_code(joined.code)):
             return joined
     return error

@@ -27,10 +27,9 @@ import re
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 
+from robotouille.protocol.join_codes import link_parts, plain_code
 from robotouille_server.auth.keys import Key
-from robotouille_server.runtime.workers import plain_code
 
-_LINK = re.compile(r"([A-Z-]{6,20})\.([A-Za-z0-9_-]{22,194})", re.ASCII | re.IGNORECASE)
 _PURPOSE, _WATCHING, _LONG = b"robotouille/link\0", b"robotouille/watch\0", b"robotouille/seat\0"
 _SIGNATURE = 12
 _HOUR = 3600
@@ -70,7 +69,7 @@ class Link:
 
 def is_link(token: str) -> bool:
     """Return whether a token has the form of a link's token."""
-    return _LINK.fullmatch(token) is not None
+    return link_parts(token) is not None
 
 
 def pack_link(link: Link, key: Key) -> str:
@@ -93,10 +92,10 @@ def pack_link(link: Link, key: Key) -> str:
 
 def read_link(token: str, keys: Collection[Key]) -> Link | None:
     """Return the content of a link's token; None if none of the keys has signed it."""
-    found = _LINK.fullmatch(token)
-    if found is None:
+    parts = link_parts(token)
+    if parts is None:
         return None
-    code, text = plain_code(found[1]), found[2]
+    code, text = parts
     try:
         signed = base64.b64decode(text + "=" * (-len(text) % 4), "-_", validate=True)
     except binascii.Error:

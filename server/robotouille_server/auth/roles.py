@@ -6,7 +6,7 @@ from enum import StrEnum
 
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
-from robotouille_server.runtime.workers import plain_code
+from robotouille.protocol.join_codes import plain_code
 
 
 class Role(StrEnum):

@@ -12,6 +12,7 @@ from robotouille.episode import Event, Phase
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
+from robotouille.protocol.join_codes import plain_code
 from robotouille_server.auth import in_scope, same_episode
 from robotouille_server.rooms.episode_driver import Machinery
 from robotouille_server.rooms.episode_setup import EpisodeSetup, task_to_simulate
@@ -35,7 +36,7 @@ from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.task_folder import TaskFolder, read_task_folder
 from robotouille_server.runtime.timer_queue import Rounds, TimerQueue
-from robotouille_server.runtime.workers import is_id, plain_code
+from robotouille_server.runtime.workers import is_id
 from robotouille_server.transport import LoopBudget
 
 LINGER_SECONDS = 120.0

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from robotouille.episode.rules import NO_TREATMENT
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
+from robotouille.protocol.join_codes import plain_code
 from robotouille_server.rooms.episode_setup import EpisodeSetup
 from robotouille_server.rooms.room import Room
 from robotouille_server.runtime.budgets import TokenBucket
-from robotouille_server.runtime.workers import plain_code
 
 MAX_FINISHED = 256
 """Ended games that a process remembers."""

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from robotouille.episode import Episode, Rules
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
+from robotouille.protocol.join_codes import plain_code
 from robotouille.replay.file_names import file_name
 from robotouille.replay.recorder import HeaderDetails, Recorder, header
 from robotouille.world.world import shared_world
@@ -24,7 +25,7 @@ from robotouille_server.rooms.recording.storage import Storage
 from robotouille_server.rooms.room import Room, RoomFacts, RoomKeeper
 from robotouille_server.rooms.substitutes.bot_worker import BotWorker, ProcessBotWorker
 from robotouille_server.runtime.logs import get_logger
-from robotouille_server.runtime.workers import CODE_LETTERS, WorkerSlot, plain_code
+from robotouille_server.runtime.workers import CODE_LETTERS, WorkerSlot
 
 if TYPE_CHECKING:
     from robotouille_server.rooms.participants.sessions import Sessions

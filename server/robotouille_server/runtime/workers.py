@@ -21,11 +21,6 @@ from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.settings import ServerSettings
 
 
-def plain_code(code: str) -> str:
-    """Return a join code without dashes and spaces, in upper case."""
-    return "".join(code.split()).replace("-", "").upper()
-
-
 def is_id(name: str) -> bool:
     """Return whether a name has the form of an episode's id. Codes have another form."""
     return len(name) == 16 and all(digit in "0123456789abcdef" for digit in name)

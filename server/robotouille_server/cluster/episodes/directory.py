@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from robotouille.errors import ProtocolError
+from robotouille.protocol.join_codes import plain_code
 from robotouille_server.cluster.bus import Bucket, Bus, ConflictError, Entry
 from robotouille_server.cluster.members import Members
 from robotouille_server.runtime.logs import get_logger
-from robotouille_server.runtime.workers import ElsewhereError, WorkerSlot, is_id, plain_code
+from robotouille_server.runtime.workers import ElsewhereError, WorkerSlot, is_id
 
 
 class EpisodeRecord(BaseModel):

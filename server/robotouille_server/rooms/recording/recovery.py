@@ -8,6 +8,7 @@ from copy import copy
 from typing import Generic, TypeVar
 
 from robotouille.errors import RecordingError, RobotouilleError
+from robotouille.protocol.join_codes import plain_code
 from robotouille.replay.container import MAGIC, read_frames
 from robotouille.replay.file_names import OPEN
 from robotouille.replay.recorder import Recorder
@@ -23,7 +24,7 @@ from robotouille_server.rooms.recording.journal import (
 )
 from robotouille_server.rooms.recording.storage import Appender, Storage
 from robotouille_server.runtime.logs import get_logger
-from robotouille_server.runtime.workers import WorkerSlot, plain_code
+from robotouille_server.runtime.workers import WorkerSlot
 
 RoomT = TypeVar("RoomT", bound=RecordedRoom)
 
