@@ -314,6 +314,27 @@ def test_conditions_of_actions_are_limited() -> None:
     assert re.search(r"the actions have [\d,]+ conditions; at most 6,000,000 are allowed", fault)
 
 
+@pytest.mark.parametrize("effects", [0, 2])
+def test_small_file_cannot_ask_for_gigabytes_of_masks(effects: int) -> None:
+    """Masks of 17,000 facts take 2 kB, and each of 135,000 actions has some."""
+    near = {"name": "near", "param_types": ["item", "item"]}
+    apart = {"predicate": "near", "params": ["i", "j"], "is_true": False}
+    met = {**apart, "is_true": True}
+    effect = {"type": "conditional", "param": "i", "conditions": [apart], "fx": [met], "sfx": []}
+    wave = {"precons": [apart], "immediate_fx": [met], "language_description": "Wave {i} at {j}"}
+    wave["sfx"] = [effect] * effects
+    many = [{**wave, "name": f"wave{n}"} for n in range(8 if effects else 28)]
+    domain = changed(DOMAIN, "predicate_defs", to=[*DOMAIN["predicate_defs"], near])
+    domain["action_defs"] = many
+    items = [{"name": "leek", "x": n % 3, "y": n // 3 % 3} for n in range(130)]
+    problem = changed(PROBLEM, "objects", "item", to=[{**items[0], "id": "first"}, *items[1:]])
+    problem["config"] = {}
+    (fault,) = faults_of(domain, problem)
+    assert re.fullmatch(
+        r"too many objects: the actions can take [\d,]+ MiB; at most 768 MiB are allowed", fault
+    )
+
+
 @pytest.mark.parametrize("field", ["objects", "kinds"])
 def test_large_files_report_the_first_fault_of_a_list(field: str) -> None:
     """A hundred thousand errors would take half a gigabyte."""

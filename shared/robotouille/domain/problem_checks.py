@@ -19,6 +19,7 @@ from robotouille.domain.derived import (
 from robotouille.domain.domain_checks import unknown
 from robotouille.domain.schema import (
     MAX_ORDERS,
+    ActionDef,
     Arrivals,
     CountedEffect,
     DomainFile,
@@ -42,6 +43,13 @@ MAX_CHOICES = 500_000
 
 Making all of them at the limit takes 16 seconds. Shipped tasks have up to 41,000, and a shift with
 fifty ingredients and four seats 400,000."""
+MAX_MASK_BYTES = 768 * 1024 * 1024
+"""Limit on the memory of the masks of all instances of actions and of their special effects.
+
+The limits above allow 500,000 actions whose masks have 20,000 bits each, which take gigabytes.
+Shipped tasks have up to 36 MiB, and a shift with fifty ingredients and four seats 691 MiB."""
+_MASK_HEAD = 32
+"""Bytes of a mask besides its bits."""
 
 
 @bounded
@@ -323,7 +331,20 @@ def _check_size(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
             f"{most!r} alone {choices[most]:,}; at most {MAX_CHOICES:,} are allowed"
         )
         faults.append(Fault("", f"too many objects: {message}"))
+    masks = sum(choices[action.name] * _masks_of(action) for action in domain.action_defs)
+    size = masks * (_MASK_HEAD + facts // 8)
+    if not faults and size > MAX_MASK_BYTES:
+        message = f"the actions can take {size / 2**20:,.0f} MiB; at most {MAX_MASK_BYTES >> 20:,}"
+        faults.append(Fault("", f"too many objects: {message} MiB are allowed"))
     return faults
+
+
+def _masks_of(action: ActionDef) -> int:
+    """Return the number of masks of an action's instance; see `world/grounding`."""
+    effects = sum(1 for _ in effects_of("", action.sfx))
+    # An action and each node of an effect have masks for what they test, require, set and clear.
+    # An action with effects and each effect also have one for all that the effect reads.
+    return 4 * (1 + effects) + (1 + len(action.sfx) if action.sfx else 0)
 
 
 def _implied_facts(rule: LayoutRule, problem: ProblemFile, domain: DomainFile) -> int:
