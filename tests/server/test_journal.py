@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +11,10 @@ import pytest
 
 from robotouille.episode import quota, seats
 from robotouille.errors import RecordingError
+from robotouille.replay.recorder import Recorder
 from robotouille.replay.recording import read_recording
 from robotouille.world.unmet import NEEDS
+from robotouille.world.world import World
 from robotouille_server.rooms.recording import journal
 from robotouille_server.rooms.recording.storage import Folder
 from tests.support.random_play import random_stream
@@ -113,6 +117,36 @@ async def test_episode_ends_after_too_many_changes(
     recording = read_recording(file)
     assert recording.verify().ok
     assert 20 < recording.totals.changes < 30
+
+
+class BlockedFolder(Folder):
+    """Folder in which no recording is closed until `unblocked` is set."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.unblocked = threading.Event()
+        self.threads = set[int]()
+
+    def replace(self, name: str, content: bytes) -> None:
+        self.threads.add(threading.get_ident())
+        self.unblocked.wait()
+        super().replace(name, content)
+
+
+@virtual
+async def test_games_that_end_at_once_are_closed_one_after_another(tmp_path: Path) -> None:
+    folder, stream = BlockedFolder(tmp_path), random_stream(1)
+    recorder = Recorder(World("synchronous/01"))
+    closing = []
+    for number in range(4):
+        name = f"{number}.rbt.part"
+        writing = journal.Journal(folder, name, recorder, begin=stream)
+        assert writing.write()
+        closing.append(writing.finish(kept=True))
+    folder.unblocked.set()
+    assert await asyncio.gather(*closing) == [f"{number}.rbt" for number in range(4)]
+    assert len(folder.threads) == 1
+    assert threading.get_ident() not in folder.threads
 
 
 def test_closed_recording_is_never_replaced_by_another(tmp_path: Path) -> None:

@@ -56,9 +56,8 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         self, executor: Any, func: Callable[..., Any], *args: Any
     ) -> Any:
         future = super().run_in_executor(executor, func, *args)
-        if executor is None:
-            self._jumping.working += 1
-            future.add_done_callback(self._done)
+        self._jumping.working += 1
+        future.add_done_callback(self._done)
         return future
 
     def _done(self, _: Any) -> None:

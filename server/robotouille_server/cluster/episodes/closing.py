@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass
+from functools import partial
 
 from robotouille.errors import RecordingError
 from robotouille_server.cluster.bus import Bus, BusError
 from robotouille_server.cluster.episodes.directory import Directory
 from robotouille_server.cluster.episodes.journal import assembled
-from robotouille_server.rooms.recording.journal import close_recording
+from robotouille_server.rooms.recording.journal import close_recording, in_closing_thread
 from robotouille_server.rooms.recording.storage import Storage
 from robotouille_server.runtime.logs import get_logger
 
@@ -58,10 +59,9 @@ class Closing:
         whole = ""
         if content:
             # A thread does this, because compressing a long recording would delay steps.
-            run = asyncio.get_running_loop().run_in_executor
-            size = len(content)
-            whole = await run(None, close_recording, self.storage, name, content, size)
-            await self.bus.store(whole, await run(None, self.storage.read, whole))
+            close = partial(close_recording, self.storage, name, content, len(content))
+            whole = await in_closing_thread(close)
+            await self.bus.store(whole, await in_closing_thread(partial(self.storage.read, whole)))
         record = self.directory.find(episode)
         if record is not None and kept:
             # Participants who were away still find the end here.

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from robotouille.episode import Event
 from robotouille.errors import RecordingError
@@ -18,6 +20,8 @@ from robotouille_server.rooms.recording.storage import Appender, FileCondition, 
 from robotouille_server.rooms.recording.write_ahead import EventLog
 from robotouille_server.runtime.logs import get_logger
 
+T = TypeVar("T")
+
 MAX_RECORDING_BYTES = 192 * 1024 * 1024
 """Size at which an episode is ended, so that readers can always read its recording."""
 MAX_RECORDING_FRAMES = 1_200_000
@@ -28,6 +32,13 @@ MAX_RECORDING_REASONS = 3_700_000
 """Number of reasons for rejections, with a quarter of their objects, for the same reason."""
 MAX_RECORDING_CHANGES = 24_000_000
 """Number of changes of facts at which an episode is ended, for the same reason."""
+FRAMES_A_TURN = 500
+"""Number of frames that are checked before the checking thread rests."""
+REST_SECONDS = 0.0005
+"""Length of such a rest. Without it, the event loop would wait for 5 ms after each of its system
+calls. Within a shorter rest, it may not wake up."""
+
+_closing_thread = ThreadPoolExecutor(1, "closing")
 
 
 def is_full(size: int, totals: Totals) -> bool:
@@ -223,8 +234,7 @@ class Journal:
     def finish(self, *, kept: bool) -> asyncio.Future[str]:
         """Close the recording and return its final name, or delete it if it is not `kept`."""
         # A thread closes the file, because compressing a long recording would delay steps.
-        loop = asyncio.get_running_loop()
-        return loop.run_in_executor(None, partial(_finish, self, kept=kept))
+        return in_closing_thread(partial(_finish, self, kept=kept))
 
     def close(self) -> str:
         """Compress the recording and give it its final name.
@@ -265,6 +275,15 @@ class Journal:
         if self._file is not None:
             self._file.close()
             self._file = None
+
+
+def in_closing_thread(work: Callable[[], T]) -> asyncio.Future[T]:
+    """Do some work in the thread that closes recordings, one after another.
+
+    Players can end several long games at once. With a thread for each, these threads would take
+    turns at the interpreter, and the event loop would wait for all of them.
+    """
+    return asyncio.get_running_loop().run_in_executor(_closing_thread, work)
 
 
 def _finish(journal: Journal, *, kept: bool) -> str:
@@ -317,8 +336,10 @@ def _check_whole(content: bytes, size: int) -> None:
         raise RecordingError(f"damaged: it has {len(content):,} bytes, but {size:,} were written")
     last, end = len(MAGIC), len(MAGIC)
     # Only the positions are computed, because decoding every frame would take much longer.
-    for position in frame_ends(content):
+    for number, position in enumerate(frame_ends(content), 1):
         last, end = end, position
+        if number % FRAMES_A_TURN == 0:
+            time.sleep(REST_SECONDS)
     if end < len(content):
         raise RecordingError(f"damaged at byte {end}")
     if frame_value(content, last, end).get("kind") != "footer":
