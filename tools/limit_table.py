@@ -70,6 +70,7 @@ from robotouille_server.rooms.recording.journal import (
     MAX_RECORDING_FRAMES,
     MAX_RECORDING_NOTES,
     MAX_RECORDING_REASONS,
+    MAX_RECORDING_TEXTS,
 )
 from robotouille_server.rooms.recording.write_ahead import MAX_UNWRITTEN
 from robotouille_server.rooms.room_factory import CODE_LENGTH, MAX_CODES
@@ -391,6 +392,11 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("Reasons for rejections in a recording being written",
               f"{MAX_RECORDING_REASONS:,}", "The episode ends with `aborted`."),
         Limit("Reasons for rejections in a recording to read", f"{container.MAX_REASONS:,}",
+              "The recording is not read."),
+        Limit("Texts of notes in a recording being written; a text that is not ASCII counts four "
+              "bytes for each character", _size(MAX_RECORDING_TEXTS),
+              "The episode ends with `aborted`."),
+        Limit("Texts of notes in a recording to read", _size(container.MAX_TEXTS),
               "The recording is not read."),
         Limit("Changes of facts in a recording being written", f"{MAX_RECORDING_CHANGES:,}",
               "The episode ends with `aborted`."),

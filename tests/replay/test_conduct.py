@@ -71,6 +71,11 @@ def act_twice(frames: Frames) -> None:
     moves.append(moves[0])
 
 
+def reject_stranger(frames: Frames) -> None:
+    note = {"note": "rejected", "t": 0, "player": "robot9", "seq": 1, "action": "wait"}
+    frames.insert(-1, {"kind": "notes", "notes": [{**note, "reasons": ["no"]}]})
+
+
 FORGED: dict[str, tuple[Callable[[Frames], object], str]] = {
     "longer than the rules": (
         lambda frames: frames[0]["rules"].update(max_steps=5),
@@ -93,6 +98,10 @@ FORGED: dict[str, tuple[Callable[[Frames], object], str]] = {
     ),
     "times that go back": (reverse_times, r"step 2: its time 29000 ms is before .* 30000 ms"),
     "chance on a server": (undo, "step 20: facts are undone by chance"),
+    "note about another player": (
+        reject_stranger,
+        "after step 20: a note is about 'robot9', which is not a player of the task",
+    ),
     "two actions of a seat": (act_twice, r"step \d+: robot\d acts twice"),
 }
 

@@ -116,6 +116,27 @@ def test_recording_with_too_many_reasons_is_refused(monkeypatch: pytest.MonkeyPa
         Recording(BEGINNING + notes * 3)
 
 
+@pytest.mark.parametrize(("letter", "most"), [("x", 10), ("é", 2), ("\N{GRINNING FACE}", 2)])
+def test_recording_with_too_long_texts_is_refused(
+    monkeypatch: pytest.MonkeyPatch, letter: str, most: int
+) -> None:
+    """One emoji makes every character of a text take four bytes in memory."""
+    note = {"note": "announced", "t": 0, "text": letter + "x" * 980}
+    notes = pack_frame({"kind": "notes", "notes": [note]})
+    monkeypatch.setattr(container, "MAX_TEXTS", 10_000 + Recording(BEGINNING).totals.texts)
+    assert Recording(BEGINNING + notes * most).totals.notes > most
+    with pytest.raises(RecordingError, match=r"more than 10,\d* bytes of texts in notes"):
+        Recording(BEGINNING + notes * (most + 1))
+
+
+def test_deeply_nested_notes_are_refused() -> None:
+    notes: list[object] = []
+    for _ in range(500):
+        notes = [notes]
+    with pytest.raises(RecordingError, match="notes"):
+        Recording(BEGINNING + pack_frame({"kind": "notes", "notes": notes}))
+
+
 def test_recording_with_too_many_changes_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(container, "MAX_CHANGES", 1000)
     changes = {"add": [1] * 100, "remove": [2] * 100}

@@ -7,8 +7,11 @@ from robotouille.certification.step_limit import plan_beside
 from robotouille.episode import ActionRequest, Clock, Episode, Rules
 from robotouille.planning import solve
 from robotouille.replay import Recording, SeatMeasures
+from robotouille.replay.container import frame_ends, pack_frame
+from robotouille.replay.measures import rejections
+from robotouille.replay.model_calls import CallNotes, model_calls
 from robotouille.replay.recorder import Recorder, header
-from tests.support.games import record
+from tests.support.games import record, recorded_game
 
 WORLD = World("synchronous/01")
 
@@ -66,6 +69,19 @@ def test_actions_on_objects_that_were_created_during_the_episode() -> None:
     # The recording has a world of its own, in which no second water was made.
     found = Recording(record(episode, episode.events())).measures()
     assert (found.success, found.steps) == (True, now)
+
+
+def test_invented_players_are_not_counted() -> None:
+    stream = recorded_game("synchronous/01", seed=1, steps=5)
+    stranger = {"t": 0, "player": "robot9"}
+    rejected = {"note": "rejected", **stranger, "seq": 1, "action": "wait", "reasons": ["no"]}
+    call = CallNotes().note([("user", "hello")], answer="")
+    noted = {"note": "noted", **stranger, "topic": "model-call", "text": call}
+    notes = pack_frame({"kind": "notes", "notes": [rejected, noted]})
+    *_, before_footer, _ = frame_ends(stream)
+    forged = Recording(stream[:before_footer] + notes + stream[before_footer:])
+    assert rejections(forged).keys() == {"robot1"}
+    assert not list(model_calls(forged))
 
 
 def test_seat_that_was_never_taken() -> None:

@@ -63,6 +63,7 @@ async def test_seat_beyond_its_quota_is_notified_and_plays_on(
         ("MAX_RECORDING_FRAMES", 60),
         ("MAX_RECORDING_NOTES", 10),
         ("MAX_RECORDING_REASONS", 5),
+        ("MAX_RECORDING_TEXTS", 5_000),
     ],
 )
 @virtual
@@ -92,6 +93,7 @@ async def test_episode_ends_at_the_maximum_size(
         "MAX_RECORDING_FRAMES": recording.count,
         "MAX_RECORDING_NOTES": recording.totals.notes,
         "MAX_RECORDING_REASONS": recording.totals.reasons,
+        "MAX_RECORDING_TEXTS": recording.totals.texts,
     }
     assert most < reached[limit]
     assert len(recording.stream) < 35_000
@@ -167,6 +169,7 @@ def test_writers_limit_is_below_the_readers_limit() -> None:
         MAX_FRAMES,
         MAX_NOTES,
         MAX_REASONS,
+        MAX_TEXTS,
     )
 
     most_seats = 16
@@ -176,8 +179,10 @@ def test_writers_limit_is_below_the_readers_limit() -> None:
     assert journal.MAX_RECORDING_FRAMES + 2**15 < MAX_FRAMES
     assert journal.MAX_RECORDING_NOTES + 2**14 < MAX_NOTES
     assert journal.MAX_RECORDING_REASONS + 2**18 < MAX_REASONS
+    assert journal.MAX_RECORDING_TEXTS + 2**24 < MAX_TEXTS
     assert journal.MAX_RECORDING_CHANGES + 2**18 < MAX_CHANGES
     # One hostile participant cannot end the episode of the others.
+    assert 2 * 4 * quota.MAX_SEAT_BYTES < journal.MAX_RECORDING_TEXTS
     assert 2 * quota.MAX_SEAT_BYTES / quota.NOTE_BYTES < journal.MAX_RECORDING_NOTES
     shortest_reason = len(NEEDS) + len("x") + len("p")
     assert 2 * quota.MAX_SEAT_BYTES / shortest_reason < journal.MAX_RECORDING_REASONS

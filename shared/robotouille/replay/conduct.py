@@ -41,6 +41,14 @@ class Conduct:
         self._players = players
         self.latest = 0
 
+    def wrong_note(self, frame: Mapping[str, Any]) -> str:
+        """Return what is wrong with a frame of notes; empty if nothing is."""
+        for note in frame["notes"]:
+            # A spectator's chat has an empty player.
+            if (player := note.get("player")) and player not in self._players:
+                return f"a note is about {player!r}, which is not a player of the task"
+        return ""
+
     def fault(self, frame: Mapping[str, Any], before: State) -> str:
         """Return what is wrong with the next step; empty if nothing is.
 

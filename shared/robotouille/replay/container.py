@@ -47,6 +47,9 @@ MAX_REASONS = 4_000_000
 """Reasons of all rejections of a recording, with a quarter of the objects that they name. In
 shipped tasks, a reason takes 60 bytes or more, and an object 16 in the text and the list, so games
 do not reach this. Other tasks may have shorter words."""
+MAX_TEXTS = 256 * 1024 * 1024
+"""Bytes of the texts of all notes; readers keep some of them. A text that is not ASCII counts four
+bytes for each character, which it can take in memory: one emoji in it is enough."""
 MAX_CHANGES = 25_000_000
 """Entries of `add` and `remove` in all steps of a recording. Games have about ten in a step."""
 MAX_CREATED = 100_000
@@ -195,6 +198,7 @@ class Totals:
     frames: int = 0
     notes: int = 0
     reasons: int = 0
+    texts: int = 0
     changes: int = 0
     created: int = 0
 
@@ -204,6 +208,7 @@ class Totals:
         if "notes" in frame:
             self.notes += _length(frame["notes"])
             self.reasons += _reasons_in(frame)
+            self.texts += _texts_in(frame["notes"])
         else:
             self.changes += _length(frame.get("add")) + _length(frame.get("remove"))
             self.created += _length(frame.get("objects")) + _length(frame.get("atoms"))
@@ -214,6 +219,8 @@ class Totals:
             raise RecordingError(f"damaged: more than {MAX_NOTES:,} notes")
         if self.reasons > MAX_REASONS:
             raise RecordingError(f"damaged: more than {MAX_REASONS:,} reasons for rejections")
+        if self.texts > MAX_TEXTS:
+            raise RecordingError(f"damaged: more than {MAX_TEXTS:,} bytes of texts in notes")
         if self.changes > MAX_CHANGES:
             raise RecordingError(f"damaged: more than {MAX_CHANGES:,} changes of facts")
         if self.created > MAX_CREATED:
@@ -239,6 +246,21 @@ def _reasons_in(frame: Mapping[str, Any]) -> int:
             )
             found += _length(reasons) + objects // 4
     return found
+
+
+def _texts_in(notes: object) -> int:
+    """Return the bytes that count for the texts of notes, which need not be valid."""
+    # No recursion: an invalid frame can be nested more deeply than Python's stack allows.
+    size, rest = 0, [notes]
+    while rest:
+        value = rest.pop()
+        if isinstance(value, str):
+            size += len(value) if value.isascii() else 4 * len(value)
+        elif isinstance(value, dict):
+            rest += value.values()
+        elif isinstance(value, list | tuple):
+            rest += value
+    return size
 
 
 def frame_ends(stream: bytes, start: int = len(MAGIC)) -> Iterator[int]:

@@ -58,8 +58,9 @@ def _seat_note(
         controllers[note["player"]] = controller_of(note)
         if not note["taken"]:
             refused.discard(note["player"])
-    elif note["note"] == "rejected" and rejection_kind(note) is not RejectionKind.SUPERSEDED:
-        refused.add(note["player"])
+    elif note["note"] == "rejected" and note["player"] in controllers:
+        if rejection_kind(note) is not RejectionKind.SUPERSEDED:
+            refused.add(note["player"])
     elif note["note"] == "started":
         refused.clear()
 
@@ -240,8 +241,8 @@ def rejections(recording: FrameSource) -> dict[str, Counter[RejectionKind]]:
         player: Counter() for player in recording.world.players
     }
     for note in recording.notes():
-        if note["note"] == "rejected":
-            counts.setdefault(note["player"], Counter())[rejection_kind(note)] += 1
+        if note["note"] == "rejected" and note["player"] in counts:
+            counts[note["player"]][rejection_kind(note)] += 1
     return counts
 
 

@@ -159,12 +159,11 @@ def _object(text: str) -> dict[str, Any] | None:
 
 def model_calls(recording: Recording, player: str | None = None) -> Iterator[RecordedCall]:
     """Yield the calls of all models, or of one player's model, in order."""
-    seats: dict[str, _Seat] = {}
+    seats = {each: _Seat() for each in recording.world.players if player in (None, each)}
     for note in recording.notes():
-        wanted = note["note"] == "noted" and note["topic"] == TOPIC
-        if not wanted or player not in (None, note["player"]):
+        if note["note"] != "noted" or note["topic"] != TOPIC or note["player"] not in seats:
             continue
-        seat = seats.setdefault(note["player"], _Seat())
+        seat = seats[note["player"]]
         seat.add(note["text"])
         if not note.get("more") and (found := seat.read(note["step"], note["player"])) is not None:
             yield found

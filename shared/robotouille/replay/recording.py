@@ -374,6 +374,8 @@ class Recording:
                 return f"step {expected}: {difference}"
             if frame["kind"] == "step" and (fault := conduct.fault(frame, state)):
                 return f"step {expected}: {fault}"
+            if frame["kind"] == "notes" and (fault := conduct.wrong_note(frame)):
+                return f"after step {expected}: {fault}"
             state = after
         if self.outcome is None:
             return ""

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 from robotouille.replay.controllers import Span, spans
+from robotouille.replay.frame_schema import MAX_HOLDS
 from robotouille.replay.recording import Recording
 
 MAX_SHOWN = 200
@@ -52,12 +53,14 @@ def pauses(recording: NoteSource) -> list[Stillness]:
     """Return the pauses in order."""
     found: list[Stillness] = []
     begun: tuple[int, int] | None = None
-    # A dictionary, because joining tuples would take hours for the notes of a hostile recording.
+    # A dictionary, because joining tuples would take hours for the notes of a hostile recording,
+    # which can also name other reasons again and again.
     holds: dict[str, None] = {}
     for note in recording.notes():
         if note["note"] == "paused":
             begun = begun or (note["step"], note["t"])
-            holds.update(dict.fromkeys(note["holds"]))
+            if len(holds) < MAX_HOLDS:
+                holds.update(dict.fromkeys(note["holds"]))
         elif note["note"] in ("resumed", "restarted") and begun is not None:
             found.append(_ended(Stillness(*begun, tuple(holds), None), note["t"]))
             begun, holds = None, {}

@@ -133,6 +133,11 @@ def test_events_of_a_step_and_marks_are_bounded(
     assert said == ["the"]
 
 
+def test_interludes_are_bounded(monkeypatch: pytest.MonkeyPatch, recording: Recording) -> None:
+    monkeypatch.setattr(recorded_history, "MAX_INTERLUDES", 1)
+    assert len(RecordedHistory(recording).interludes) == 1
+
+
 def test_messages_between_bots_are_hidden() -> None:
     world = World("synchronous/01")
     episode = Episode(world, Rules(clock=Clock.TURN, max_steps=2))

@@ -30,6 +30,8 @@ MAX_RECORDING_NOTES = 280_000
 """Number of notes at which an episode is ended, for the same reason."""
 MAX_RECORDING_REASONS = 3_700_000
 """Number of reasons for rejections, with a quarter of their objects, for the same reason."""
+MAX_RECORDING_TEXTS = 224 * 1024 * 1024
+"""Bytes of the texts of notes at which an episode is ended, for the same reason."""
 MAX_RECORDING_CHANGES = 24_000_000
 """Number of changes of facts at which an episode is ended, for the same reason."""
 FRAMES_A_TURN = 500
@@ -48,6 +50,7 @@ def is_full(size: int, totals: Totals) -> bool:
         or totals.frames > MAX_RECORDING_FRAMES
         or totals.notes > MAX_RECORDING_NOTES
         or totals.reasons > MAX_RECORDING_REASONS
+        or totals.texts > MAX_RECORDING_TEXTS
         or totals.changes > MAX_RECORDING_CHANGES
     )
 

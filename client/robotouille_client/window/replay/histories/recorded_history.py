@@ -65,7 +65,8 @@ MAX_KEPT, MAX_KEPT_ENTRIES = 256, 2_000
 MAX_NOTED = 1_000
 # Characters of a chat line and of an event in the log; longer ones are cut.
 MAX_LINE, MAX_WORDS = 500, 10_000
-# Notes from which interludes are made.
+# Notes from which interludes are made, and how many of them are kept.
+MAX_INTERLUDES = 10_000
 _INTERLUDES = frozenset({"paused", "resumed", "restarted", "announced"})
 
 
@@ -258,7 +259,7 @@ class RecordedHistory(History):
             self._seatings[note["player"]].next = seating_after(note)
         if kind == "rejected" and note["player"] in self._rejected:
             self._rejected[note["player"]].append(step)
-        if kind in _INTERLUDES:
+        if kind in _INTERLUDES and len(self._interlude_notes.kept) < MAX_INTERLUDES:
             self._interlude_notes.kept.append({**note, "text": note.get("text", "")[:MAX_LINE]})
         if kind in ("said", "announced"):
             self._said.append((step, note.get("name", ""), note["text"][:MAX_LINE]))
