@@ -230,6 +230,27 @@ async def test_spectators_may_do_what_the_owner_lets_them(tmp_path: Path) -> Non
 
 
 @virtual
+async def test_bearers_of_links_keep_their_names_at_all_nodes_if_chat_is_limited(
+    tmp_path: Path,
+) -> None:
+    async with cluster_of(tmp_path, 3) as nodes, raw(nodes[0].server, name="host") as host:
+        created = await host.ask({"type": "create", "task": TASK, "chat": "off"}, "created")
+        code, owner = created["code"], nodes.owner(created["episode"])
+        one, two = nodes.others(owner)
+        link = owner.server.tokens.mint_link("p-eve", seconds=3600, code=code, watch=True)
+        seen = []
+        for name, node in (("eve", one), ("take the", one), ("onion", two), ("now", owner)):
+            async with raw(node.server, hello=False) as eve:
+                await eve.ask({**HELLO, "name": name, "token": link}, "welcome")
+                join = {"type": "join", "episode": code, "role": "spectator"}
+                seen.append((await eve.ask(join, "joined"))["name"])
+                await eve.ask({"type": "leave"}, "left")
+            # The mirror ends in the meantime.
+            await asyncio.sleep(2 * IDLE_SECONDS)
+        assert seen == ["eve"] * 4
+
+
+@virtual
 async def test_spectators_of_all_nodes_share_the_budget_of_chat(tmp_path: Path) -> None:
     async with watched(tmp_path) as game:
         codes = []

@@ -6,11 +6,16 @@ from collections.abc import Mapping, Set
 from functools import partial
 
 from robotouille.episode import Controller, Departure, Episode, Moderation, Phase
-from robotouille.episode.rules import NO_TREATMENT, Chat
+from robotouille.episode.rules import NO_TREATMENT
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_server.auth import Role
-from robotouille_server.rooms.participants.seat_limits import ChatLimits, DisplayNames, SeatTurnover
+from robotouille_server.rooms.participants.seat_limits import (
+    ChatLimits,
+    DisplayNames,
+    FirstNames,
+    SeatTurnover,
+)
 from robotouille_server.rooms.participants.session import JoinedRoom, Session
 from robotouille_server.rooms.participants.sessions import Sessions
 from robotouille_server.rooms.publishing.broadcaster import Broadcaster
@@ -26,13 +31,13 @@ class Membership:
 
     Attributes:
         ever_seated: Ids of all sessions and participants who have had a seat in this process.
+        first_names: The names that bearers of tokens for the episode keep if chat is limited.
     """
 
     __slots__ = (
         "_broadcaster",
         "_chat_limits",
         "_episode",
-        "_first_names",
         "_gate",
         "_labels",
         "_names",
@@ -40,6 +45,7 @@ class Membership:
         "_sessions",
         "_turnover",
         "ever_seated",
+        "first_names",
     )
 
     def __init__(
@@ -63,7 +69,7 @@ class Membership:
         self._chat_limits = ChatLimits(episode.world.players, now)
         taken = [seat for seat in episode.seats.values() if seat.taken]
         self.ever_seated = {one for seat in taken for one in (seat.session, seat.participant)}
-        self._first_names = {seat.participant: seat.name for seat in taken}
+        self.first_names = FirstNames({seat.participant: seat.name for seat in taken})
 
     # Coming in
 
@@ -84,6 +90,7 @@ class Membership:
             raise ProtocolError("episode/banned", "you were removed from this episode", "episode")
         if self._episode.record.sight is not None:
             check_limited_sight(session, request)
+        chat = self._episode.rules.chat
         if own := self._own_seats(session, request):
             self._take_over(session, own, request, now)
             name = session.name
@@ -91,7 +98,7 @@ class Membership:
             players = self._turnover.choose(
                 self._episode, request, now, idle=self._may_idle(session, request)
             )
-            name = self._names.choose(self._given_name(session), players)
+            name = self._names.choose(self.first_names.choose(session, chat), players)
             session.players = self._episode.join_several(
                 players,
                 name,
@@ -110,7 +117,7 @@ class Membership:
             raise too_many_spectators(max_spectators)
         else:
             session.players = ()
-            name = self._names.choose(self._given_name(session))
+            name = self._names.choose(self.first_names.choose(session, chat))
             self._names.watch(name)
         # This comes after everything that may raise, so that a refused `join` does not change the
         # session.
@@ -166,17 +173,6 @@ class Membership:
             self._sessions.sent_out(old)
         else:
             old.peer.close("session/elsewhere", "you joined with the same token elsewhere")
-
-    def _given_name(self, session: Session) -> str:
-        """Return the name that a participant asks for.
-
-        Where chat is limited, the bearer of a token for the episode keeps the first one: everybody
-        reads names, so a participant could otherwise write with a new name for each `join`.
-        """
-        # Several programs, with names of their own, may share any other token.
-        if self._episode.rules.chat is Chat.FREE or not session.limits.only_episode:
-            return session.given_name
-        return self._first_names.setdefault(session.participant, session.given_name)
 
     def _may_idle(self, session: Session, request: messages.Join) -> bool:
         """Return whether the newcomer may stand still for long, as people do before they are ready.

@@ -13,7 +13,7 @@ from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, NoReturn, Protocol
 
-from robotouille.episode import Departure, Phase, Seat
+from robotouille.episode import Chat, Departure, Phase, Seat
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_server.cluster.bus import BusError
@@ -26,7 +26,7 @@ from robotouille_server.cluster.spectators.packets import (
 )
 from robotouille_server.requests import AnswerLater, unheard
 from robotouille_server.rooms.membership import check_limited_sight, too_many_spectators
-from robotouille_server.rooms.participants.seat_limits import ChatLimits, DisplayNames
+from robotouille_server.rooms.participants.seat_limits import ChatLimits, DisplayNames, FirstNames
 from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.publishing.audience import Audience, SharedMessage
 from robotouille_server.rooms.publishing.broadcaster import MAX_SPECTATOR_NAMES, REPEATED_SAID
@@ -88,6 +88,7 @@ class Mirror:
         self._audience = Audience(timers, budget, weakly(self._observed), weakly(self._send_state))
         self._updates = Updates(self._audience.add, weakly(self._caught_up), self._wake.set)
         self._names = DisplayNames(partial(_named_seats, self._updates))
+        self._chat, self._first_names = Chat.FREE, FirstNames({})
         self._digest = ""
         self._answered_once = False
         self._unknown_since: float | None = None
@@ -153,6 +154,7 @@ class Mirror:
             state=self._updates.incomplete or bool(self._audience.waiting),
             task=self._updates.task is None,
             said=self._updates.chat.complete_to,
+            first_names=self._first_names.known,
         )
         try:
             watched = await self._service.watch(owner, request, ANSWER_SECONDS)
@@ -199,6 +201,8 @@ class Mirror:
     def _answered(self, watched: Watched) -> None:
         self.code, self.task, self.grace = watched.code, watched.task, watched.grace
         self._digest, self.seated = watched.digest, watched.seated
+        self._chat = watched.chat
+        self._first_names.learn(watched.first_names)
         self._updates.packets.announce(watched.claim, watched.relay, watched.number)
         if not self._answered_once:
             self._answered_once = True
@@ -322,7 +326,7 @@ class Mirror:
 
     def _add(self, session: Session) -> None:
         session.players, session.room = (), self
-        session.name = self._names.choose(session.given_name)
+        session.name = self._names.choose(self._first_names.choose(session, self._chat))
         self._names.watch(session.name)
         self._members.append(session)
         self._audience.enter(session)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import msgpack
 from pydantic import BaseModel
 
+from robotouille.episode import Chat
 from robotouille.protocol.codec import MAX_SERVER_BYTES
 from robotouille.protocol.frames import FrameReader
 
@@ -27,6 +28,7 @@ class Watch(BaseModel):
         state: True if the node needs a snapshot.
         task: True if the snapshot must contain the task.
         said: The number of the last chat message that the node has.
+        first_names: The first names that participants must keep; see `FirstNames`.
     """
 
     episode: str
@@ -37,6 +39,7 @@ class Watch(BaseModel):
     state: bool = False
     task: bool = False
     said: int = 0
+    first_names: dict[str, str] = {}
 
 
 class Watched(BaseModel):
@@ -48,6 +51,8 @@ class Watched(BaseModel):
         digest: The digest of the task.
         grace: The seconds for which an absent spectator keeps the place.
         said: The number of chat messages.
+        chat: The rule for chat.
+        first_names: The first names that participants must keep; see `FirstNames`.
         banned: The sessions and participants who were removed.
         seated: The sessions that have seats.
         claim: The journal's sequence number with which the owner took the episode over.
@@ -60,6 +65,8 @@ class Watched(BaseModel):
     digest: str
     grace: float
     said: int
+    chat: Chat
+    first_names: dict[str, str]
     banned: tuple[str, ...]
     seated: tuple[str, ...]
     claim: int

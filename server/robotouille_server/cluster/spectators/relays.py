@@ -171,6 +171,7 @@ class Relays:
             name = f"{self._node.name}.{self._count}"
             relay = self._relays[room.id] = Relay(room, self._node.bus, claim, name)
         relay.renew(request)
+        room.membership.first_names.learn(request.first_names)
         if request.state:
             relay.ask_state(request)
         if self._timer is None:
@@ -182,6 +183,8 @@ class Relays:
             digest=room.world.task.digest,
             grace=room.grace,
             said=episode.record.said,
+            chat=episode.rules.chat,
+            first_names=room.membership.first_names.known,
             banned=tuple(room.membership.banned),
             seated=tuple(seat.session for seat in episode.seats.values() if seat.taken),
             claim=claim,

@@ -6,9 +6,9 @@ Every change of a seat is recorded, so a client that comes and goes must not fil
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
-from robotouille.episode import Episode
+from robotouille.episode import Chat, Episode
 from robotouille.errors import ProtocolError
 from robotouille.planning.policies.standing import is_out_of_the_way
 from robotouille.protocol import messages
@@ -62,6 +62,33 @@ class DisplayNames:
     def release(self, name: str) -> None:
         """Free the name of a spectator who has left."""
         self._watching.discard(likeness(name))
+
+
+class FirstNames:
+    """First names of participants with tokens for one episode.
+
+    Where chat is limited, they keep these names: everybody reads names, so a participant could
+    otherwise write with a new name for each `join`.
+
+    Attributes:
+        known: The name of each such participant.
+    """
+
+    __slots__ = ("known",)
+
+    def __init__(self, known: Mapping[str, str]) -> None:
+        self.known = dict(known)
+
+    def choose(self, session: Session, chat: Chat) -> str:
+        """Return the name that a participant may have in an episode with this chat."""
+        # Several programs, with names of their own, may share any other token.
+        if chat is Chat.FREE or not session.limits.only_episode:
+            return session.given_name
+        return self.known.setdefault(session.participant, session.given_name)
+
+    def learn(self, names: Mapping[str, str]) -> None:
+        """Add the first names that participants have used at another node of the cluster."""
+        self.known = {**names, **self.known}
 
 
 LOOK_SECONDS = 10.0
