@@ -34,6 +34,7 @@ class Served:
     def __init__(self) -> None:
         self.now = Counter[str]()
         self.most = Counter[str]()
+        self.most_at_once = 0
         self.done = 0
         self._keeper = SessionKeeper(self, Trusting("ws://127.0.0.1:9"), 600, lambda: 0.0)
 
@@ -41,6 +42,7 @@ class Served:
         token = dict(scope["headers"]).get(b"authorization", b"").decode()
         self.now[token] += 1
         self.most[token] = max(self.most[token], self.now[token])
+        self.most_at_once = max(self.most_at_once, self.now.total())
         for _ in range(PASSES):
             await asyncio.sleep(0)
         self.now[token] -= 1
@@ -71,6 +73,33 @@ async def test_a_few_requests_of_one_token_are_served_at_once_and_all_in_turn() 
     assert served.done < 30
     await asyncio.gather(*crowd)
     assert served.most["Bearer eve"] == TURNS_AT_ONCE
+
+
+async def test_a_request_waits_for_one_request_of_each_other_token() -> None:
+    ours, begun = Turns(), list[str]()
+
+    async def call(token: str) -> None:
+        async with ours.turn(token):
+            begun.append(token)
+            for _ in range(PASSES):
+                await asyncio.sleep(0)
+
+    crowd = [asyncio.create_task(call(f"eve-{n % 4}")) for n in range(240)]
+    await asyncio.sleep(0)
+    before = len(begun)
+    await call("ada")
+    assert len(begun) - before <= 6
+    await asyncio.gather(*crowd)
+    assert len(begun) == len(crowd) + 1
+
+
+async def test_tokens_share_the_places() -> None:
+    served = Served()
+    tokens = ("ada", "eve", "bob")
+    for token in tokens:
+        await served.ask(token)
+    await asyncio.gather(*(served.ask(token) for token in tokens * 10))
+    assert served.most_at_once == TURNS_AT_ONCE
 
 
 async def test_strangers_are_refused_one_in_a_pass_of_the_event_loop() -> None:

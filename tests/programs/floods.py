@@ -352,6 +352,12 @@ FLOODS = {
         connections=64,
         max_gap=MAX_GAP,
     ),
+    "mcp-tokens": Flood(
+        "calls of robotouille-mcp with four tokens, from 200 connections",
+        mcp="tokens",
+        connections=200,
+        max_gap=MAX_GAP,
+    ),
     "mcp-streams": Flood(
         "event streams of robotouille-mcp that are opened and closed, from 64 connections",
         mcp="streams",
@@ -511,7 +517,7 @@ def attack(name: str, port: int, code: str) -> None:
         time.sleep(3600)
     if flood.mcp in ("abandoned", "values"):
         McpFlood(port, flood.mcp).run()
-    if flood.mcp in ("calls", "streams", "strangers", "newcomers"):
+    if flood.mcp in ("calls", "tokens", "streams", "strangers", "newcomers"):
         McpLines(port, flood.mcp, code, flood.connections).run()
     if flood.loads:
         script = f"/play/{shared_site().version}/{BUNDLE}"
@@ -648,8 +654,10 @@ def _measured(
     flood = FLOODS[name]
     if flood.mcp:
         port, pid = stack.enter_context(mcp_process(server.url))
-        tokens = [_token(server, Role.HOST, subject) for subject in ("honest", "flood")]
-        return psutil.Process(pid), HonestAgent(port, pid, *tokens), port
+        token = _token(server, Role.HOST, "honest")
+        count = 4 if flood.mcp == "tokens" else 1
+        others = " ".join(_token(server, Role.HOST, f"flood-{n}") for n in range(count))
+        return psutil.Process(pid), HonestAgent(port, pid, token, others), port
     port = operator if flood.operator else server.port
     return psutil.Process(server.process.pid), HonestGame(server, flood.rooms, tls), port
 

@@ -19,7 +19,7 @@ from tests.support.mcp_agent import COMMAND
 __all__ = ["HonestAgent", "McpFlood", "McpFloodKind", "McpLines", "mcp_process"]
 
 McpFloodKind = Literal[
-    "silence", "abandoned", "values", "calls", "streams", "strangers", "newcomers"
+    "silence", "abandoned", "values", "calls", "tokens", "streams", "strangers", "newcomers"
 ]
 VERSION = "2025-06-18"
 """Version of MCP whose calls go on when their client closes its connection."""
@@ -124,7 +124,7 @@ class HonestAgent(_Agent):
     Args:
         pid: The process of the server.
         token: Token of the agent.
-        code: Token for the flood.
+        code: Tokens for the flood.
     """
 
     def __init__(self, port: int, pid: int, token: str, code: str) -> None:
@@ -193,12 +193,12 @@ class McpLines:
     """Connections that each send the next request as soon as the last one is answered.
 
     Args:
-        token: A valid token.
+        tokens: Valid tokens with spaces between them, which take turns.
     """
 
-    def __init__(self, port: int, kind: McpFloodKind, token: str, connections: int) -> None:
+    def __init__(self, port: int, kind: McpFloodKind, tokens: str, connections: int) -> None:
         self._address = ("127.0.0.1", port)
-        self._agent = _Agent(port, token)
+        self._agents = [_Agent(port, token) for token in tokens.split()]
         self._count = connections
         self._kind = kind
         self._sent = 0
@@ -231,16 +231,17 @@ class McpLines:
 
     def _next(self) -> bytes:
         self._sent += 1
+        agent = self._agents[self._sent % len(self._agents)]
         match self._kind:
             case "streams":
-                return self._agent.packet("GET")
+                return agent.packet("GET")
             case "strangers" | "newcomers":
                 token = f"Bearer made-up-{self._sent}"
                 session = {} if self._sent % 2 else {"mcp-session-id": f"{self._sent}"}
                 body = _request("ping", {})
-                return self._agent.packet("POST", body, authorization=token, **session)
+                return agent.packet("POST", body, authorization=token, **session)
             case _:
-                return self._agent.stateless("tools/list")
+                return agent.stateless("tools/list")
 
 
 def _is_whole(answer: bytes) -> bool:

@@ -8,7 +8,7 @@ import hashlib
 import secrets
 from collections import Counter
 from collections.abc import AsyncIterator, Iterable, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -19,6 +19,7 @@ from robotouille.protocol.join_codes import plain_token
 from robotouille_client.client import Client, connect
 from robotouille_client.mcp_server.limits import MAX_GAMES_OF_TOKEN, MAX_VISITS_OF_TOKEN
 from robotouille_client.mcp_server.open_game import OpenGame
+from robotouille_client.mcp_server.turns import waiting
 
 LOOK_SECONDS = 5.0
 """Seconds between two checks for games that nobody uses."""
@@ -104,9 +105,10 @@ class OpenGames:
             RobotouilleError: The caller makes too many requests, or the game server refuses.
         """
         with self._visit(caller):
-            async with connect(
+            connection = connect(
                 self.url, name=caller.name, kind="model", token=caller.token, reconnect=False
-            ) as client:
+            )
+            async with waiting(), connection as client:
                 yield client
 
     @contextmanager
@@ -131,15 +133,15 @@ class OpenGames:
         self._check_places(caller)
         with self._visit(caller):
             # Only a token that the game server has accepted may take a place.
-            client = await Client(
-                self.url, name=caller.name, kind="model", token=caller.token
-            ).__aenter__()
-            try:
+            async with AsyncExitStack() as stack:
+                async with waiting():
+                    client = await Client(
+                        self.url, name=caller.name, kind="model", token=caller.token
+                    ).__aenter__()
+                    stack.push_async_callback(client.close)
                 with self._place(caller):
                     game = await client.join(episode, seat=seat, role=role, partial=True)
-            except BaseException:
-                await client.close()
-                raise
+                stack.pop_all()
         handle = f"game-{secrets.token_urlsafe(12)}"
         opened = OpenGame(handle, caller.owner, client, game, caller.mcp_session)
         opened.last_used = asyncio.get_running_loop().time()

@@ -39,7 +39,7 @@ NEWCOMERS = "newcomers"
 """Key for the turns of all tokens that are not known. Strangers with made-up tokens therefore delay
 the requests of others no more than one token does."""
 CHECKS_AT_ONCE = 8
-"""Accepted tokens that the game server checks again at the same time."""
+"""New tokens that the game server checks at the same time, and known ones that it checks again."""
 CHECK_SECONDS = 10.0
 RECHECK_SECONDS = 30.0
 """Seconds after which the next request with a token checks the token again."""
@@ -136,6 +136,7 @@ class SessionKeeper:
         self._turns = Turns()
         self._sessions: dict[str, McpSession] = {}
         self._opening: list[McpSession] = []
+        self._first_checks = asyncio.Semaphore(CHECKS_AT_ONCE)
         self._rechecks = asyncio.Semaphore(CHECKS_AT_ONCE)
         # The owners of accepted tokens, with the time of the last check.
         self._accepted: OrderedDict[str, float] = OrderedDict()
@@ -166,7 +167,7 @@ class SessionKeeper:
         if self._calls[NEWCOMERS] >= MAX_NEWCOMERS:
             return _unavailable(f"{MAX_NEWCOMERS} requests with unknown tokens wait")
         with counted(self._calls, NEWCOMERS):
-            async with self._turns.turn(NEWCOMERS):
+            async with self._first_checks, self._turns.turn(NEWCOMERS):
                 if not caller.token:
                     return invalid_token("send a role token as bearer token")
                 if SESSION_HEADER in headers:

@@ -1,4 +1,4 @@
-"""Turns of requests over HTTP: the event loop serves the requests of each token one by one."""
+"""Turns of requests over HTTP: the event loop serves one request of each token after the other."""
 
 from __future__ import annotations
 
@@ -7,36 +7,37 @@ from collections import deque
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from contextvars import ContextVar
-from weakref import WeakValueDictionary
 
-TURNS_AT_ONCE = 4
-"""Turns of a token at the same time.
+TURNS_AT_ONCE = 1
+"""Turns of all tokens at the same time.
 
-A request takes about 3 ms of the event loop, in pieces between those of other requests. It
-therefore takes up to 3 ms longer for each request that is served at the same time.
+A request takes about 3 ms of the event loop in up to 30 passes. Others that are served at the same
+time would do a part of their work in each of these passes.
 """
-TURN_SECONDS = 1.0
+TURN_SECONDS = 0.05
 """Longest time of a turn. A request that is never answered, such as one with the id of another one
 in progress, would otherwise keep its place."""
 
 
-class _Lane:
-    """The requests of one token, which begin in order of arrival.
+class Turns:
+    """The turns of all requests.
 
-    In one pass of the event loop, only one of them begins. Refusals take no time between their
-    beginning and end, so the number of places alone would let hundreds of them pass at once.
+    Tokens take turns, and the requests of a token begin in order of arrival. A request therefore
+    waits for one request of each other token, however many they send. In one pass of the event
+    loop, only one request begins. Refusals take no time between their beginning and end, so the
+    number of places alone would let hundreds of them pass at once.
     """
 
     def __init__(self) -> None:
         self._free = TURNS_AT_ONCE
-        self._waiting: deque[asyncio.Future[None]] = deque()
         self._rests = False
+        # The waiting requests of each token. The first token is next.
+        self._waiting: dict[str, deque[asyncio.Future[None]]] = {}
 
-    async def enter(self) -> None:
+    async def enter(self, key: str) -> None:
         """Wait for a place."""
-        loop = asyncio.get_running_loop()
-        own = loop.create_future()
-        self._waiting.append(own)
+        own = asyncio.get_running_loop().create_future()
+        self._waiting.setdefault(key, deque()).append(own)
         self._admit()
         try:
             await own
@@ -50,54 +51,10 @@ class _Lane:
         self._free += 1
         self._admit()
 
-    def _admit(self) -> None:
-        while self._waiting and self._waiting[0].cancelled():
-            self._waiting.popleft()
-        if self._waiting and self._free and not self._rests:
-            self._free -= 1
-            self._waiting.popleft().set_result(None)
-            self._rests = True
-            asyncio.get_running_loop().call_soon(self._admit_again)
-
-    def _admit_again(self) -> None:
-        self._rests = False
-        self._admit()
-
-
-class Turn:
-    """The turn of one request."""
-
-    def __init__(self, lane: _Lane) -> None:
-        self._lane = lane
-        self._latest_end: asyncio.TimerHandle | None = None
-
-    async def begin(self) -> None:
-        """Wait for a place."""
-        await self._lane.enter()
-        self._latest_end = asyncio.get_running_loop().call_later(TURN_SECONDS, self.end)
-
-    def end(self) -> None:
-        """Leave the place to the next request, unless the turn has ended already."""
-        if self._latest_end is not None:
-            self._latest_end.cancel()
-            self._latest_end = None
-            self._lane.leave()
-
-
-class Turns:
-    """The turns of all requests."""
-
-    def __init__(self) -> None:
-        # Anybody can make up tokens, so lanes without requests must not accumulate.
-        self._lanes: WeakValueDictionary[str, _Lane] = WeakValueDictionary()
-
     @asynccontextmanager
     async def turn(self, key: str) -> AsyncIterator[Turn]:
-        """Wait for a turn among the requests with the same key. It ends with the context."""
-        lane = self._lanes.get(key)
-        if lane is None:
-            lane = self._lanes[key] = _Lane()
-        turn = Turn(lane)
+        """Wait for a turn of the requests with this key. It ends with the context."""
+        turn = Turn(self, key)
         await turn.begin()
         current = _TURN.set(turn)
         try:
@@ -105,6 +62,52 @@ class Turns:
         finally:
             _TURN.reset(current)
             turn.end()
+
+    def _admit(self) -> None:
+        if self._free and not self._rests and (own := self._next()):
+            self._free -= 1
+            own.set_result(None)
+            self._rests = True
+            asyncio.get_running_loop().call_soon(self._admit_again)
+
+    def _admit_again(self) -> None:
+        self._rests = False
+        self._admit()
+
+    def _next(self) -> asyncio.Future[None] | None:
+        """Take the first request of the next token, whose other requests then come last."""
+        while self._waiting:
+            key = next(iter(self._waiting))
+            requests = self._waiting.pop(key)
+            while requests and requests[0].cancelled():
+                requests.popleft()
+            if requests:
+                first = requests.popleft()
+                if requests:
+                    self._waiting[key] = requests
+                return first
+        return None
+
+
+class Turn:
+    """The turn of one request."""
+
+    def __init__(self, turns: Turns, key: str) -> None:
+        self._turns = turns
+        self._key = key
+        self._latest_end: asyncio.TimerHandle | None = None
+
+    async def begin(self) -> None:
+        """Wait for a place."""
+        await self._turns.enter(self._key)
+        self._latest_end = asyncio.get_running_loop().call_later(TURN_SECONDS, self.end)
+
+    def end(self) -> None:
+        """Leave the place to the next request, unless the turn has ended already."""
+        if self._latest_end is not None:
+            self._latest_end.cancel()
+            self._latest_end = None
+            self._turns.leave()
 
 
 _TURN: ContextVar[Turn | None] = ContextVar("turn", default=None)
