@@ -88,10 +88,11 @@ def test_mix_has_clocks_and_weights() -> None:
 @pytest.mark.parametrize(
     "page", [b"robotouille_episodes 1\n" * 100_000, b"robotouille_episodes many\n"]
 )
-async def test_odd_pages_of_metrics_are_ignored(page: bytes) -> None:
+@pytest.mark.parametrize("head", [b"HTTP/1.0 200 OK\r\n\r\n", b"garbage\r\n\r\n"])
+async def test_odd_pages_of_metrics_are_ignored(page: bytes, head: bytes) -> None:
     async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await reader.readuntil(b"\r\n\r\n")
-        writer.write(b"HTTP/1.0 200 OK\r\n\r\n" + page)
+        writer.write(head + page)
         with contextlib.suppress(ConnectionError):
             await writer.drain()
         writer.close()

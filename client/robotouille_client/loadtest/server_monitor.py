@@ -8,6 +8,7 @@ import re
 import socket
 import time
 from dataclasses import dataclass, field
+from http.client import HTTPException
 from math import inf
 from urllib.error import URLError
 from urllib.request import urlopen
@@ -172,7 +173,7 @@ async def fetch_page(url: str) -> MetricsPage | None:
     """Return the metrics at a URL, or None if they cannot be read."""
     try:
         return parse_page(await asyncio.to_thread(_read, url))
-    except (URLError, OSError, ValueError):
+    except (URLError, OSError, ValueError, HTTPException):
         return None
 
 

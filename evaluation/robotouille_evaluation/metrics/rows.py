@@ -55,7 +55,7 @@ class PackId(RowModel):
 class BudgetRow(RowModel):
     """Step budget of an episode, and its rule (`published`, `own`, `shift`)."""
 
-    rule: str
+    rule: Name
     steps: Number
 
 
@@ -74,9 +74,9 @@ class RealTimeRow(RowModel):
     """
 
     step_rate: float = Field(gt=0, le=MAX_NUMBER)
-    charge: str
-    late: str
-    helper: str = "none"
+    charge: Name
+    late: Name
+    helper: Name = "none"
     digest_tokens: Number = 0
     max_age: Number | None = None
 
@@ -95,7 +95,7 @@ class Result(RowModel):
 
     success: bool
     steps: Number
-    ended_by: str
+    ended_by: Name
 
 
 class ScoreRow(RowModel):
@@ -145,7 +145,7 @@ class FailureRow(RowModel):
     """Cause of a failure in the taxonomy of `failures`, and the steps that show it."""
 
     category: Category
-    subcategory: str
+    subcategory: Name
     steps: tuple[Number, ...] = ()
 
 
@@ -165,7 +165,7 @@ class EpisodeMeasures(RowModel):
     repeated_mistakes: Number = 0
     waiting_share: Measure | None = None
     idle_share: Measure | None = None
-    contributions: dict[str, Measure] = {}
+    contributions: dict[Name, Measure] = {}
     blocked: Number = 0
     overlap: Measure | None = None
     staleness: Measure | None = None
@@ -220,17 +220,17 @@ class ResultRow(RowModel):
     instance: Name
     kind: Name = ""
     seed: int = Field(default=0, ge=-MAX_NUMBER, le=MAX_NUMBER)
-    agent: str
-    strategy: str = ""
-    model: str = ""
-    sampling: str = ""
-    variant: str = ""
-    experiment: str = ""
-    timing: str = "benchmark"
-    clock: str = "turn"
+    agent: Name
+    strategy: Name = ""
+    model: Name = ""
+    sampling: Name = ""
+    variant: Name = ""
+    experiment: Name = ""
+    timing: Name = "benchmark"
+    clock: Name = "turn"
     real_time: RealTimeRow | None = None
     seats: int = Field(default=1, ge=1, le=MAX_NUMBER)
-    control: str = "each"
+    control: Name = "each"
     attempts: int = Field(default=1, ge=1, le=MAX_NUMBER)
     budget: BudgetRow
     optimum: Optimum = Optimum()

@@ -18,7 +18,7 @@ from robotouille.errors import MissingExtraError, RobotouilleError
 from robotouille.files.writing import replace_file, whole_file
 from robotouille.html_report import require_libraries
 from robotouille.html_report.figures import ReportFigure
-from robotouille_evaluation.metrics.rows import Category, Measure, Number, ResultRow
+from robotouille_evaluation.metrics.rows import Category, Measure, Name, Number, ResultRow
 from robotouille_evaluation.packs.pack import FigureData
 from robotouille_evaluation.report.dependency_graph import dependency_graph, draw_graph
 from robotouille_evaluation.report.figures import all_figures
@@ -145,7 +145,7 @@ def write_parquet(rows: Sequence[ResultRow], path: Path) -> None:
         str: pa.string(),
         Category: pa.string(),
         tuple[Number, ...]: pa.list_(pa.int64()),
-        dict[str, Measure]: pa.map_(pa.string(), pa.float64()),
+        dict[Name, Measure]: pa.map_(pa.string(), pa.float64()),
     }
     schema = pa.schema([(name, types[kind]) for name, kind in _columns(ResultRow)])
     with whole_file(path, text=False) as file, pq.ParquetWriter(file, schema) as writer:

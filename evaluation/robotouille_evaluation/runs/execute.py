@@ -20,6 +20,7 @@ from robotouille_evaluation.agents.proposal import Complete, ContextOverflow, an
 from robotouille_evaluation.metrics.measuring import measure
 from robotouille_evaluation.metrics.outcomes import repeated_transitions, score
 from robotouille_evaluation.metrics.rows import (
+    MAX_NAME,
     BudgetRow,
     Counts,
     EpisodeMeasures,
@@ -265,6 +266,7 @@ def _write(folder: RunFolder, job: EpisodeJob, recordings: Sequence[bytes]) -> s
 def _job_fields(job: EpisodeJob, pack: Pack) -> dict[str, Any]:
     """Return the fields of a row that are known before the episode is played."""
     instance = pack.instance(job.instance)
+    agent = job.agent.name if job.control == "each" else f"{job.agent.name}, {job.control}"
     fields: dict[str, Any] = {
         "job": job.id,
         "pack": PackId(name=pack.name, version=pack.version, digest=pack.digest),
@@ -275,11 +277,12 @@ def _job_fields(job: EpisodeJob, pack: Pack) -> dict[str, Any]:
         "variant": job.variant,
         "experiment": job.experiment,
         "seed": job.seed,
-        "agent": job.agent.name if job.control == "each" else f"{job.agent.name}, {job.control}",
+        # An episode that has been played and paid is never lost because of a long name.
+        "agent": agent[:MAX_NAME],
         "control": job.control,
-        "strategy": job.agent.strategy,
-        "model": job.agent.model,
-        "sampling": job.agent.sampling,
+        "strategy": job.agent.strategy[:MAX_NAME],
+        "model": job.agent.model[:MAX_NAME],
+        "sampling": job.agent.sampling[:MAX_NAME],
         "clock": job.clock,
         "seats": job.seats,
         "optimum": known_optimum(instance, job.seats),

@@ -13,6 +13,9 @@ from robotouille.errors import FileError
 from robotouille_evaluation.metrics import BudgetRow, PackId, read_rows, write_rows
 from tests.support.episode_rows import made_up_rows, row
 
+NAMES = ("agent", "strategy", "model", "sampling", "experiment", "variant", "timing", "clock",
+         "control")  # fmt: skip
+
 
 def written(tmp_path: Path, text: str) -> Path:
     path = tmp_path / "rows.jsonl"
@@ -89,6 +92,12 @@ def test_player_of_a_row() -> None:
     "fields",
     [
         {"task": "x" * 1001},
+        *({name: "x" * 1001} for name in NAMES),
+        {"budget": {"rule": "x" * 1001, "steps": 1}},
+        {"outcome": {"success": False, "steps": 1, "ended_by": "x" * 1001}},
+        {"real_time": {"step_rate": 1.0, "charge": "x" * 1001, "late": "use"}},
+        {"measures": {"contributions": {"x" * 1001: 1.0}}},
+        {"measures": {"failure": {"category": "goal", "subcategory": "x" * 1001}}},
         {"pack": {"name": "x" * 1001, "version": "1", "digest": "0"}},
         {"seed": 10**30},
         {"seed": -(10**30)},
