@@ -86,10 +86,16 @@ class _Reading:
         """Return the files of a folder, and note if it is missing or has files that are refused.
 
         Raises:
-            FileError: The folder has more than `MAX_FILES` such files.
+            FileError: The folder has more than `MAX_FILES` such files, leads outside the checkout
+                or cannot be read.
         """
-        files = (path for path in (self.root / folder).rglob(pattern) if is_file(path))
-        found = sorted(islice(files, MAX_FILES + 1))
+        require_inside(self.root / folder, self.root)
+        try:
+            files = (path for path in (self.root / folder).rglob(pattern) if is_file(path))
+            found = sorted(islice(files, MAX_FILES + 1))
+        except OSError as error:
+            fault = Fault("", f"cannot be read: {error.strerror or error}")
+            raise FileError(str(self.root / folder), [fault]) from None
         if len(found) > MAX_FILES:
             fault = Fault("", f"has more than {MAX_FILES:,} files {pattern}")
             raise FileError(str(self.root / folder), [fault])

@@ -60,6 +60,14 @@ def test_domain_link_outside_is_an_error(tmp_path: Path) -> None:
         read_checkout(root)
 
 
+def test_folder_outside_is_not_walked(tmp_path: Path) -> None:
+    root = write_checkout(tmp_path / "checkout")
+    outside = (root / "agents/prompt_builder/prompts").rename(tmp_path / "outside")
+    (root / "agents/prompt_builder/prompts").symlink_to(outside)
+    with pytest.raises(FileError, match="prompts: leads outside"):
+        read_checkout(root, seeds=[])
+
+
 def test_errors_do_not_quote_files(tmp_path: Path) -> None:
     found = faults(tmp_path, {PLAIN: "a: 1\nhunter2: [b: c: d\n"})
     assert "line 2: is not YAML" in found
