@@ -81,6 +81,10 @@ FORGED: dict[str, tuple[Callable[[Frames], object], str]] = {
         lambda frames: frames[0]["rules"].update(max_steps=5),
         r"step 6: the rules allow 5 steps",
     ),
+    "unknown clock": (
+        lambda frames: frames[0]["rules"].update(clock="turnx"),
+        r"rules.clock: Input should be 'turn', 'lockstep' or 'realtime'",
+    ),
     "shorter than the limit": (cut_short, "'step_limit' after 7 steps, but the rules allow 20"),
     "unknown reason": (ended(reason="goat"), "the outcome has the unknown reason 'goat'"),
     "too few seconds": (ended(seconds=0.01), r"0.01 seconds, but the last step is at \d+ ms"),

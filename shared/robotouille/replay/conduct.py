@@ -9,8 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, Protocol
 
+from pydantic import ValidationError
+
 from robotouille.episode.events import Reason
-from robotouille.episode.rules import Clock
+from robotouille.episode.rules import Clock, Rules
+from robotouille.errors import RecordingError
 from robotouille.replay.frame_schema import FrameSource, milliseconds
 from robotouille.replay.measures import measures
 from robotouille.world.world import State
@@ -26,16 +29,33 @@ class PlayedGame(FrameSource, Protocol):
     header: dict[str, Any]
 
 
+def rules_in(header: Mapping[str, Any]) -> Rules:
+    """Return the rules in a header.
+
+    Raises:
+        RecordingError: The rules are invalid.
+    """
+    try:
+        return Rules.model_validate(header["rules"], strict=False)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join(map(str, first["loc"]))
+        raise RecordingError(f"rules.{field}: {first['msg']}") from None
+
+
 class Conduct:
     """Check of the steps of a recording, one after the other, against its rules.
 
     Args:
         header: The recording's header.
         players: The players in seat order.
+
+    Raises:
+        RecordingError: The rules are invalid.
     """
 
     def __init__(self, header: Mapping[str, Any], players: tuple[str, ...]) -> None:
-        self._rules = header["rules"]
+        self._rules = rules_in(header)
         # Only runs without a server draw random reversals. They have no join code.
         self._served = bool(header.get("code"))
         self._players = players
@@ -58,7 +78,7 @@ class Conduct:
         return next(self._faults(frame, before), "")
 
     def _faults(self, frame: Mapping[str, Any], before: State) -> Iterator[str]:
-        step, most = frame["step"], self._rules["max_steps"]
+        step, most = frame["step"], self._rules.max_steps
         if before.goal_reached:
             yield "the goal was reached in an earlier step"
         if before.shift_over:
@@ -79,7 +99,7 @@ class Conduct:
         movers = [move["player"] for move in frame["moves"]]
         movers += [player for player, _ in frame.get("idle", ())]
         turn = None
-        if self._rules["clock"] == Clock.TURN:
+        if self._rules.clock == Clock.TURN:
             turn = self._players[(frame["step"] - 1) % len(self._players)]
         seen: set[str] = set()
         for player in movers:

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any
 
-from pydantic import ValidationError
-
 from robotouille.domain.task import Task
 from robotouille.episode import (
     ActionAnswer,
@@ -27,6 +25,7 @@ from robotouille.episode import (
 from robotouille.episode.events import ACTION_INVALID
 from robotouille.episode.quota import NOTE_BYTES, Quota, size_of_note, size_of_rejection
 from robotouille.errors import RecordingError
+from robotouille.replay.conduct import rules_in
 from robotouille.replay.container import MAGIC
 from robotouille.replay.measures import controller_of, rejection_kind
 from robotouille.replay.recording import Comparison, Recording
@@ -184,11 +183,9 @@ def _outcome(recording: Recording, row: dict[str, Any]) -> Outcome:
 
 def _rules(recording: Recording) -> Rules:
     try:
-        return Rules.model_validate(recording.header["rules"], strict=False)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        field = ".".join(map(str, first["loc"]))
-        raise RecordingError(f"{recording.source}: rules.{field}: {first['msg']}") from None
+        return rules_in(recording.header)
+    except RecordingError as error:
+        raise RecordingError(f"{recording.source}: {error}") from None
 
 
 def _treatments(recording: Recording) -> dict[str, SeatTreatment]:
