@@ -69,6 +69,32 @@ async def test_journals_are_listed_until_they_are_deleted(tmp_path: Path) -> Non
             assert await bus.journals() == ["b2"]
 
 
+async def append(bus: NatsBus, journal: str, number: int, after: int) -> int:
+    stored: asyncio.Future[int | BusError] = asyncio.Future()
+    bus.append(Append(journal, b"note", after, f"{journal}.{number}"), stored.set_result)
+    sequence = await stored
+    assert isinstance(sequence, int)
+    return sequence
+
+
+async def test_games_write_while_a_long_journal_is_read(tmp_path: Path) -> None:
+    with nats_cluster(tmp_path, servers=1) as cluster:
+        async with nats_bus(NatsAddress(tuple(cluster.urls), "robotouille")) as bus:
+            last = 0
+            for number in range(2000):
+                last = await append(bus, "long", number, last)
+            reading = asyncio.create_task(bus.read("long"))
+            written = last = 0
+            while not reading.done():
+                last = await append(bus, "game", written, last)
+                written += 1
+            assert len(reading.result()) == 2000
+            assert [message.id for message in reading.result()[:2]] == ["long.0", "long.1"]
+            assert len(await bus.read("long", reading.result()[499].sequence)) == 1500
+            # Otherwise, the answers to the writes would come after the whole journal.
+            assert written > 15
+
+
 async def test_attempt_to_watch_that_fails_leaves_only_the_earlier_watch(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import re
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
@@ -19,7 +18,6 @@ from nats.errors import Error as NatsError
 from nats.errors import TimeoutError as NatsTimeoutError
 from nats.js import JetStreamContext
 from nats.js.api import (
-    ConsumerConfig,
     DeliverPolicy,
     DiscardPolicy,
     Header,
@@ -56,6 +54,7 @@ from robotouille_server.cluster.nats.errors import (
     WRONG_SEQUENCE,
     NatsErrors,
 )
+from robotouille_server.cluster.nats.journal_reader import KEEP, MESSAGE_ID, JournalReader, stored
 from robotouille_server.cluster.nats.purging import CarefulJetStream
 from robotouille_server.runtime.logs import get_logger
 
@@ -76,9 +75,7 @@ NODE_KEY_SECONDS = 10.0
 """Seconds after which NATS deletes the key of a node that does not renew it."""
 MAX_PUBLISHED = 8 * 1024 * 1024
 """Bytes that wait to be published, above which messages are lost."""
-KEEP = "Robotouille-Keep"
 EXPECTED = str(Header.EXPECTED_LAST_SUBJECT_SEQUENCE.value)
-MESSAGE_ID = str(Header.MSG_ID.value)
 
 
 @asynccontextmanager
@@ -104,6 +101,7 @@ class NatsBus:
         self._prefix = address.prefix
         self._nats = bounded_client()
         self._js = CarefulJetStream(self._nats, timeout=ANSWER_SECONDS)
+        self._reader = JournalReader(self._nats, self._js, self._stream)
         self._buckets: dict[Bucket, KeyValue] = {}
         self._watching: dict[Bucket, JetStreamContext.PushSubscription] = {}
         self._outgoing: deque[tuple[Append, bytes]] = deque()
@@ -374,42 +372,15 @@ class NatsBus:
                 if error.err_code != NO_MESSAGE:  # Any other means that the stream is gone.
                     raise
                 return None
-            return _stored(found.seq or 0, found.headers, found.data or b"")
+            return stored(found.seq or 0, found.headers, found.data or b"")
 
     async def read(self, subject: str, after: int = 0) -> list[Stored]:
         last = await self.last(subject)
         if last is None or last.sequence <= after:
             return []
-        found: list[Stored] = []
-        arrived = asyncio.Event()
-
-        # `next_msg` of the library would take more than twice the processor time.
-        async def received(message: Msg) -> None:
-            sequence = message.metadata.sequence.stream
-            found.append(_stored(sequence, message.headers, message.data))
-            arrived.set()
-
-        config = ConsumerConfig(deliver_policy=DeliverPolicy.ALL)
-        if after:
-            first = DeliverPolicy.BY_START_SEQUENCE
-            config = ConsumerConfig(deliver_policy=first, opt_start_seq=after + 1)
         async with self._errors.translated():
-            messages = await self._js.subscribe(
-                f"{self._prefix}.journal.{subject}",
-                stream=self._stream,
-                ordered_consumer=True,
-                config=config,
-                cb=received,
-            )
-            try:
-                while not found or found[-1].sequence < last.sequence:
-                    arrived.clear()
-                    async with asyncio.timeout(ANSWER_SECONDS):
-                        await arrived.wait()
-            finally:
-                with contextlib.suppress(NatsError):
-                    await messages.unsubscribe()
-        return found
+            name = f"{self._prefix}.journal.{subject}"
+            return await self._reader.read(name, after, last.sequence)
 
     async def purge(self, subject: str) -> None:
         async with self._errors.translated():
@@ -558,15 +529,6 @@ def _acknowledged(answer: Msg, errors: NatsErrors) -> int | BusError:
     if code in WRONG_SEQUENCE:
         return ConflictError(text)
     return errors.refused(code, text)
-
-
-def _stored(sequence: int, headers: dict[str, str] | None, data: bytes) -> Stored:
-    headers = headers or {}
-    keep = headers.get(KEEP, "")
-    # Another writer may have sent anything. The journal is then refused, because its content is
-    # not that of its owner.
-    cut = int(keep) if re.fullmatch("[0-9]{1,15}", keep) else None
-    return Stored(sequence, headers.get(MESSAGE_ID, ""), data, cut)
 
 
 class _InUseError(Exception):
