@@ -78,10 +78,7 @@ def test_documented_limits_match_the_code() -> None:
     assert rows[f"sessions from one {ADDRESS}"] == str(MAX_SESSIONS_OF_ADDRESS)
     checked = "accepted tokens that the game server checks again at the same time (HTTP)"
     assert rows[checked] == str(CHECKS_AT_ONCE)
-    served = (
-        "requests of one token that are served at the same time, except while they wait for the "
-        "game; all unknown tokens count as one (HTTP)"
-    )
+    served = "requests that are served at the same time, except while they wait for the game (HTTP)"
     assert rows[served] == str(TURNS_AT_ONCE)
     assert rows["requests with unknown tokens in progress (HTTP)"] == str(MAX_NEWCOMERS)
     assert rows["accepted tokens that are remembered (HTTP)"] == str(MAX_ACCEPTED)
