@@ -15,9 +15,11 @@ from starlette.types import Message, Receive, Scope, Send
 from robotouille_client.mcp_server import turns
 from robotouille_client.mcp_server.open_games import OpenGames
 from robotouille_client.mcp_server.sessions import SessionKeeper
-from robotouille_client.mcp_server.turns import TURNS_AT_ONCE, Turns, waiting
+from robotouille_client.mcp_server.turns import TURNS_AT_ONCE, Turn, Turns, waiting
 
 PASSES = 20
+PATIENCE = 30.0
+"""Seconds after which a place counts as lost."""
 
 
 class Trusting(OpenGames):
@@ -118,9 +120,11 @@ async def test_requests_that_are_never_answered_keep_no_turns(
 ) -> None:
     monkeypatch.setattr(turns, "TURN_SECONDS", 0.0)
     ours = Turns()
-    async with AsyncExitStack() as stack:
-        for _ in range(3 * TURNS_AT_ONCE):
-            await stack.enter_async_context(ours.turn("ada"))
+    begun = []
+    async with asyncio.timeout(PATIENCE), AsyncExitStack() as stack:
+        while len(begun) < 3 * TURNS_AT_ONCE:
+            begun.append(await stack.enter_async_context(ours.turn("ada")))
+    assert len({*begun}) == 3 * TURNS_AT_ONCE
 
 
 async def test_cancelled_requests_keep_no_turns() -> None:
@@ -137,22 +141,30 @@ async def test_cancelled_requests_keep_no_turns() -> None:
         for each in held:
             each.cancel()
         await asyncio.gather(*held, return_exceptions=True)
-    async with ours.turn("ada"):
-        pass
+    async with asyncio.timeout(PATIENCE), ours.turn("ada") as turn:
+        assert isinstance(turn, Turn)
 
 
-async def test_a_call_that_waits_leaves_its_turn_and_waits_for_another() -> None:
-    ours, went_on = Turns(), asyncio.Event()
+async def test_a_call_that_waits_leaves_its_turn_and_waits_for_another(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(turns, "TURN_SECONDS", 3600.0)
+    ours, answered, order = Turns(), asyncio.Event(), list[str]()
 
     async def call() -> None:
         async with ours.turn("ada"):
             async with waiting():
-                pass
-            went_on.set()
+                order.append("waits")
+                await answered.wait()
+            order.append("goes on")
 
-    async with AsyncExitStack() as stack:
-        for _ in range(TURNS_AT_ONCE - 1):
-            await stack.enter_async_context(ours.turn("ada"))
-        waits = asyncio.create_task(call())
-        await went_on.wait()
-        await waits
+    async def other() -> None:
+        async with ours.turn("bob"):
+            answered.set()
+            for _ in range(3):
+                await asyncio.sleep(0)
+            order.append("served")
+
+    async with asyncio.timeout(PATIENCE):
+        await asyncio.gather(call(), other())
+    assert order == ["waits", "served", "goes on"]

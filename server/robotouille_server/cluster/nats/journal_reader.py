@@ -51,15 +51,15 @@ class JournalReader:
         )
         consumer = (await self._jetstream.add_consumer(self._stream, config)).name
         inbox, arriving = self._client.new_inbox(), _Arriving(last)
+        request = json.dumps({"batch": BATCH, "no_wait": True}).encode()
+        next_messages = f"{DEFAULT_PREFIX}.CONSUMER.MSG.NEXT.{self._stream}.{consumer}"
         # `fetch` of the library would take more than twice the processor time.
         messages = await self._client.subscribe(inbox, cb=arriving.receive)
         try:
             while not arriving.complete:
                 async with self._turn:
                     arriving.expect(BATCH)
-                    request = json.dumps({"batch": BATCH, "no_wait": True}).encode()
-                    subject = f"{DEFAULT_PREFIX}.CONSUMER.MSG.NEXT.{self._stream}.{consumer}"
-                    await self._client.publish(subject, request, reply=inbox)
+                    await self._client.publish(next_messages, request, reply=inbox)
                     async with asyncio.timeout(BATCH_SECONDS):
                         await arriving.done.wait()
         finally:
