@@ -4,6 +4,7 @@ A bot has useful work in a state if it alone, while everybody else stands still,
 
 1. reach the goal by a plan that begins at once, without waiting for a running effect, or
 2. come nearer to the goal: after all work that is possible now, fewer actions are left than before.
+   In a shift, no other open order may need more actions than before.
 
 So no work counts that needs anybody to step aside, to put something down or to help. A bot stands
 still if it has useful work for ten seconds, without a break, and does nothing. A person who wanders
@@ -71,8 +72,16 @@ class Kitchen:
 
     def work(self, state: State, bot: str) -> str:
         """Return the useful work of a bot: all up to the goal, some of it, or nothing."""
-        found = {_work(anytime, state, (bot,)) for anytime in self._goals(state)}
-        return next((work for work in ("goal", "work") if work in found), "")
+        team = (bot,)
+        goals = list(self._goals(state))
+        found = [_work(anytime, state, team) for anytime in goals]
+        if any(each.reaches_goal for each in found):
+            return "goal"
+        for goal, each in zip(goals, found, strict=True):
+            others = [other for other in goals if other is not goal]
+            if each.later and all(_keeps_near(o, state, each.later, team) for o in others):
+                return "work"
+        return ""
 
     def _goals(self, state: State) -> Iterator[AnytimePlanner]:
         if self.world.shift is None or state.orders is None:
@@ -152,12 +161,19 @@ def _idle_times(bot: str, before: Sequence[State], game: TeamGame) -> Iterator[t
         yield len(game.steps) - idle, idle
 
 
-def _work(anytime: AnytimePlanner, state: State, team: Team) -> str:
+class _Work(NamedTuple):
+    """The useful work for a goal, and the state after work that comes nearer to the goal."""
+
+    reaches_goal: bool = False
+    later: State | None = None
+
+
+def _work(anytime: AnytimePlanner, state: State, team: Team) -> _Work:
     state = anytime.in_model(state)
     plan = _leanest(anytime, state, team)
     if plan is not None:
-        return "goal" if _begins_at_once(plan, state) else ""
-    others = [p for p in state.world.players if p not in team]
+        return _Work(reaches_goal=_begins_at_once(plan, state))
+    others = _others(state, team)
     # An object in hand may keep a bot from all other work. To put it down is no progress yet.
     fewest = sys.maxsize
     for bot in (*team, ""):
@@ -170,11 +186,24 @@ def _work(anytime: AnytimePlanner, state: State, team: Team) -> str:
             continue
         needed = _deeds(plan) if bot else min(_deeds(plan), fewest - 1)
         fewest = min(fewest, needed)
-        later = with_others_aside(after_possible(plan, aside, here, team), others)
-        rest = _leanest(anytime, later, team)
+        later = after_possible(plan, aside, here, team)
+        rest = _leanest(anytime, with_others_aside(later, others), team)
         if rest is not None and _deeds(rest) < needed:
-            return "work"
-    return ""
+            return _Work(later=later)
+    return _Work()
+
+
+def _keeps_near(anytime: AnytimePlanner, before: State, later: State, team: Team) -> bool:
+    """Return whether a goal needs no more actions later if the others step aside."""
+    here, there = (
+        _leanest(anytime, with_others_aside(anytime.in_model(state), _others(state, team)), team)
+        for state in (before, later)
+    )
+    return here is None or (there is not None and _deeds(there) <= _deeds(here))
+
+
+def _others(state: State, team: Team) -> list[str]:
+    return [p for p in state.world.players if p not in team]
 
 
 def _begins_at_once(plan: Plan, state: State) -> bool:

@@ -82,6 +82,8 @@ STOOD = [
     ("10", 4, "idle", 0),
     ("02", 3, "wandering", 6),
     ("09", 3, "blocking", 4),
+    ("07", 3, "blocking", 2),
+    ("09", 3, "hoarding", 2),
 ]
 """Games in which bots once stood for ten seconds or more although they had useful work."""
 

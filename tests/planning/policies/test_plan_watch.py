@@ -268,6 +268,24 @@ def test_idle_steps_of_a_member_count_under_several_plans() -> None:
     assert second.check(PastStep(11, state, []), teammates).unused
 
 
+@pytest.mark.parametrize(("other", "unused"), [(0, True), (UNUSED - 1, False)])
+def test_team_that_waits_for_others_looks_again_for_work_of_a_member(
+    other: int, unused: bool
+) -> None:
+    state = World("multi_agent/01@3").initial
+    watch = PlanWatch(
+        TeamPlan(Plan(()), state, Assumption.EVERYBODY),
+        Script("robot1", Plan(()), state),
+        PlanBase(0, state, 0, {"robot1": UNUSED - 1, "robot2": other}),
+        retry=RETRY,
+        in_vain={},
+        is_cut_off=lambda *_: True,
+    )
+    teammates = Teammates(("robot1", "robot2"), ("robot3",), hurried=True)
+    # If all members are idle, the team is stuck, for which it looks less often.
+    assert watch.check(PastStep(1, state, []), teammates).unused == unused
+
+
 def planned(task: str, person: str) -> tuple[Plan, State, State, list[str]]:
     """Return a plan for a person who has stepped aside, its state, and the present state."""
     world = World(task)
@@ -314,6 +332,20 @@ def test_possible_work_comes_first(task: str, person: str) -> None:
 def test_unblocked_plan_is_unchanged() -> None:
     plan, aside, _, team = planned("multi_agent/02@2", "robot1")
     assert defer_blocked(plan, aside, aside, team) is plan
+
+
+def test_object_that_is_put_back_at_once_stays_where_it_is() -> None:
+    plan, aside, _, team = planned("multi_agent/02@2", "robot1")
+    bot = team[0]
+    (stand,) = [a for a in aside.actions(bot) if a.destination == "table1"]
+    there = aside.step([stand]).state
+    (take,) = [a for a in there.actions(bot) if a.name == "pick-up-item"]
+    (back,) = [a for a in there.step([take]).state.actions(bot) if a.name == "place-item"]
+    useless = Plan(((stand,), (take,), (back,), *plan))
+    assert after(useless, aside).goal_reached
+    other = defer_blocked(useless, aside, aside, team)
+    assert after(other, aside).goal_reached
+    assert (back,) not in list(other)
 
 
 @pytest.mark.slow

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
 from itertools import count
+from operator import or_
 from typing import NamedTuple
 
 from robotouille.planning.plan import Plan
@@ -36,11 +38,24 @@ class _PlannedAction(NamedTuple):
 
 @dataclass(eq=False, slots=True)
 class _WorkPiece:
-    """The actions of a player from free hands to free hands, or to the end of the plan."""
+    """The actions of a player from free hands to free hands, or to the end of the plan.
+
+    `before` are the facts before the first action. A search may let a player who waits take an
+    object and put it back; then `useful` is false.
+    """
 
     player: str
+    before: int
     actions: list[_PlannedAction] = field(default_factory=list)
     leaves_hands_free: bool = False
+    useful: bool = True
+
+    def finish(self, after: int) -> None:
+        """Process the facts after the last action, with free hands."""
+        self.leaves_hands_free = True
+        actions = [each.action for each in self.actions]
+        touched = reduce(or_, (action.touched for action in actions))
+        self.useful = any(a.effects for a in actions) or bool((self.before ^ after) & touched)
 
 
 class _Attempt:
@@ -135,11 +150,12 @@ def defer_blocked(plan: Plan, start: State, here: State, team: Sequence[str]) ->
     """
     # Whole pieces of work move, never single actions: a player who stopped in between would keep an
     # object in hand and could do nothing else.
-    works = _work_pieces(plan, start, team)
+    every = _work_pieces(plan, start, team)
+    works = [work for work in every if work.useful]
     traces = _traces(plan, start, team)
     later = _Attempt(here, team).take(works, traces)
     first = [work for work in works if work not in later]
-    if not later or not first or works[: len(first)] == first:
+    if [*first, *later] == every:
         return plan
     attempt = _Attempt(start, team)
     if attempt.take(first, traces) or attempt.take(later, traces) or not attempt.reaches_goal():
@@ -147,12 +163,22 @@ def defer_blocked(plan: Plan, start: State, here: State, team: Sequence[str]) ->
     return Plan(tuple(attempt.steps))
 
 
-def can_begin(plan: Plan, start: State, here: State, team: Sequence[str]) -> bool:
-    """Return whether some work of a plan is possible while the others stand still.
+def who_can_begin(plan: Plan, start: State, here: State, team: Sequence[str]) -> set[str]:
+    """Return the members with work in a plan that is possible while the others stand still.
 
     The arguments are those of `defer_blocked`.
     """
-    return after_possible(plan, start, here, team) != here
+    _, begun = _possible(plan, start, here, team)
+    return {work.player for work in begun}
+
+
+def possible_part(plan: Plan, start: State, here: State, team: Sequence[str]) -> Plan:
+    """Return the work of a plan that is possible while the others stand still.
+
+    The arguments are those of `defer_blocked`. The plan need not reach the goal.
+    """
+    attempt, _ = _possible(plan, start, here, team)
+    return Plan(tuple(attempt.steps))
 
 
 def after_possible(plan: Plan, start: State, here: State, team: Sequence[str]) -> State:
@@ -160,9 +186,18 @@ def after_possible(plan: Plan, start: State, here: State, team: Sequence[str]) -
 
     The arguments are those of `defer_blocked`.
     """
-    attempt = _Attempt(here, team)
-    attempt.take(_work_pieces(plan, start, team), _traces(plan, start, team))
+    attempt, _ = _possible(plan, start, here, team)
     return attempt.state
+
+
+def _possible(
+    plan: Plan, start: State, here: State, team: Sequence[str]
+) -> tuple[_Attempt, list[_WorkPiece]]:
+    """Return an attempt at all useful work of a plan, and the work that is possible."""
+    works = [work for work in _work_pieces(plan, start, team) if work.useful]
+    attempt = _Attempt(here, team)
+    later = attempt.take(works, _traces(plan, start, team))
+    return attempt, [work for work in works if work not in later]
 
 
 def _work_pieces(plan: Plan, state: State, team: Sequence[str]) -> list[_WorkPiece]:
@@ -179,7 +214,7 @@ def _work_pieces(plan: Plan, state: State, team: Sequence[str]) -> list[_WorkPie
                 at[player] = action.destination
                 continue
             if player not in open_works:
-                works.append(open_works.setdefault(player, _WorkPiece(player)))
+                works.append(open_works.setdefault(player, _WorkPiece(player, state.facts)))
             open_works[player].actions.append(
                 _PlannedAction(next(number), action, at[player], over)
             )
@@ -187,7 +222,7 @@ def _work_pieces(plan: Plan, state: State, team: Sequence[str]) -> list[_WorkPie
         begun |= running_effects(state)
         laden = {placed.host for placed in scene(state).values()}
         for player in open_works.keys() - laden:
-            open_works.pop(player).leaves_hands_free = True
+            open_works.pop(player).finish(state.facts)
     return works
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
+from robotouille.planning.policies.aside import with_others_aside
 from robotouille.planning.policies.policy import Did, Script, does_something
 from robotouille.planning.policies.standing import leads_to, standing_at
 from robotouille.planning.policies.team_plan import (
@@ -93,6 +95,12 @@ class PlanBase(NamedTuple):
     others: int
     idle: Mapping[str, int] = MappingProxyType({})
 
+    @property
+    def unused(self) -> frozenset[str]:
+        """The members who have done nothing for long next to others of the team who work."""
+        unused = frozenset(p for p, steps in self.idle.items() if steps >= UNUSED)
+        return unused if len(unused) < len(self.idle) else frozenset()
+
 
 class PlanVerdict(NamedTuple):
     """The result of a check.
@@ -158,6 +166,18 @@ class PlanWatch:
     def is_stuck(self) -> bool:
         """True if there was no progress for too long."""
         return self._stuck > self._patience
+
+    def rest(self, here: State, others: Collection[str]) -> TeamPlan | None:
+        """Return the rest of the plan from a state of the planner's model.
+
+        Return None if the rest does not reach the goal.
+        """
+        aside = self.assumption is Assumption.OTHERS_ASIDE
+        start = with_others_aside(here, others) if aside else here
+        plan = self.script.shortened(start)
+        if plan is None:
+            return None
+        return replace(self._made, plan=plan, base=start, assumption=self.assumption)
 
     def check(self, past: PastStep, teammates: Teammates) -> PlanVerdict:
         """Process a past step. Called once for each step after the base, in order."""
@@ -230,6 +250,10 @@ class PlanWatch:
         due = past.step - self.base.step >= self._retry
         if (due and self._may_see_a_way(state, teammates)) or self._stuck > patience:
             return DROP
+        # If nobody works, the team is stuck.
+        works = any(self.idle[player] < UNUSED for player in teammates.team)
+        if works and self._leaves_unused(teammates):
+            return PlanVerdict(unused=True)
         # Meddling may have changed what the plan needs, so a free way is not enough.
         if self.assumption is not Assumption.OTHERS_ASIDE or self._meddled:
             return KEEP

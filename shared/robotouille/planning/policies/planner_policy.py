@@ -54,6 +54,7 @@ from robotouille.planning.policies.team_plan import (
     Assumption,
     Portion,
     TeamDecision,
+    TeamPlan,
     TeamSearch,
     station_in_the_way,
 )
@@ -149,7 +150,7 @@ class PlannerPolicy:
         self._steps_left = 0
         self._may_improve = False
         self._in_vain: dict[Situation, int] = {}
-        self._rest: Plan | None = None
+        self._rest: TeamPlan | None = None
         self._pursued: Aim | None = None
         self._retry = RETRY
         self._unprocessed: deque[PastStep] = deque()
@@ -244,8 +245,8 @@ class PlannerPolicy:
             if not verdict.keep:
                 self._drop_plan(past)
             elif verdict.unused and self._pursued is not None:
-                rest = watch.script.shortened(self._pursued.anytime.in_model(past.state))
-                self._drop_plan(past, rest)
+                here = self._pursued.anytime.in_model(past.state)
+                self._drop_plan(past, watch.rest(here, self._company.outsiders))
 
     def speak(self) -> list[Speech]:
         """Return what this seat says since the last call."""
@@ -276,11 +277,11 @@ class PlannerPolicy:
         """This seat's part of the followed plan."""
         return None if self._followed is None else self._followed.script
 
-    def _drop_plan(self, past: PastStep | None = None, rest: Plan | None = None) -> None:
+    def _drop_plan(self, past: PastStep | None = None, rest: TeamPlan | None = None) -> None:
         """Stop following the plan; the next `act` makes one from the current or a past step.
 
         Args:
-            rest: The rest of the plan, which only a shorter plan may replace.
+            rest: The rest of the plan, which only a better plan may replace.
         """
         # All seats of the team notice a deviation in the same step, and plan from that step. So
         # they make the same plan.
@@ -459,6 +460,7 @@ class PlannerPolicy:
                 tried=tried,
                 working=working,
                 rest=self._rest if aim is self._pursued else None,
+                unused=base.unused,
             )
 
         aims = [self._aim(goal) for goal in self._agenda.goals(base.state)]

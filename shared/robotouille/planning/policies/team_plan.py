@@ -18,7 +18,7 @@ from enum import Enum, auto
 from robotouille.planning.beam.planner import PLANNER, UNSOLVED_FACTOR
 from robotouille.planning.plan import Limits, Plan, Proof, SearchResult
 from robotouille.planning.policies.aside import after, held_by, holds, put_down, with_others_aside
-from robotouille.planning.policies.deferral import can_begin, defer_blocked
+from robotouille.planning.policies.deferral import defer_blocked, possible_part, who_can_begin
 from robotouille.planning.policies.policy import Script
 from robotouille.planning.policies.standing import leads_to, standing_at
 from robotouille.planning.shift import CHOICES
@@ -316,7 +316,8 @@ class TeamPlanner:
         hurried: bool,
         tried: int = 0,
         working: Collection[str] = (),
-        rest: Plan | None = None,
+        rest: TeamPlan | None = None,
+        unused: Collection[str] = (),
     ) -> TeamDecision:
         """Return the decision about a plan from a state.
 
@@ -324,7 +325,8 @@ class TeamPlanner:
             hurried: True if the game continues during planning.
             tried: Number of earlier plans from this state that failed.
             working: Other participants who have done something lately.
-            rest: A plan of the team from this state, which only a shorter plan may replace.
+            rest: A plan of the team from this state, which only a better plan may replace.
+            unused: Members of the team who need work that they can begin at once.
         """
         return TeamDecision(
             self._anytime,
@@ -337,6 +339,7 @@ class TeamPlanner:
             # Someone who works and holds an object probably means to use it.
             expects_help=any(holds(base, player) for player in working),
             rest=rest,
+            unused=unused,
         )
 
     def effort(self, team: Collection[str], *, hurried: bool = False) -> Effort:
@@ -359,7 +362,8 @@ class TeamDecision:
         tried: int,
         alone: bool,
         expects_help: bool,
-        rest: Plan | None,
+        rest: TeamPlan | None,
+        unused: Collection[str],
     ) -> None:
         self._anytime = anytime
         self._search = search
@@ -378,6 +382,7 @@ class TeamDecision:
         self._aside_untried = True
         self._expects_help = expects_help
         self._rest = rest
+        self._unused = frozenset(unused)
 
     def plan(self, portion: Portion) -> TeamPlan:
         """Return a plan of the team's own, or a replacement.
@@ -392,7 +397,7 @@ class TeamDecision:
 
     def _plan(self) -> TeamPlan:
         if self._rest is not None:
-            return self._shorter_than(self._rest)
+            return self._better_than(self._rest)
         found = NOT_FOUND
         # The reachability test is cheap; a search would spend all its expansions without finding a
         # plan.
@@ -406,6 +411,16 @@ class TeamDecision:
         if found.unsolvable:
             return TeamPlan(Plan(()), self._base, Assumption.NOTHING, found, can_begin=False)
         return self._with_fewer() or self._way() or self._nearer()
+
+    def _better_than(self, rest: TeamPlan) -> TeamPlan:
+        """Return a plan with work for the unused members, or the rest of the last plan."""
+        if rest.assumption is Assumption.TEAM:
+            return self._shorter_than(rest.plan)
+        if not self._cut_off:
+            found = self._find(self._base, self._team)
+            if found.plan is not None:
+                return TeamPlan(found.plan, self._base, Assumption.TEAM, found)
+        return self._with_others_aside(only_useful=True) or rest
 
     def _shorter_than(self, rest: Plan) -> TeamPlan:
         """Return the best of the rest of the last plan and some other plans.
@@ -498,15 +513,28 @@ class TeamDecision:
             found = self._search.wide(base, team)
             if found.plan is not None:
                 return TeamPlan(found.plan, base, Assumption.TEAM, found)
-        plan = Plan(())
+        plan = self._possible_part()
         if not self._cut_off:
             plan = self._search.towards(base, team, self._effort, after=self._number)
         return TeamPlan(
             plan, base, Assumption.NOTHING, cut_off=self._cut_off, can_begin=bool(len(plan))
         )
 
-    def _with_others_aside(self) -> TeamPlan | None:
-        """Return a plan that assumes that the others step aside, or None."""
+    def _possible_part(self) -> Plan:
+        """Return the steps possible now of the plan nearest to the goal if others stepped aside."""
+        here = self._anytime.in_model(self._base)
+        start = with_others_aside(here, [p for p in self._players if p not in self._team])
+        if (start, self._team, 0) not in self._found:
+            return Plan(())  # Another search would take too long.
+        plan = self._search.towards(start, self._team, self._effort, after=self._number)
+        return possible_part(plan, start, here, self._team)
+
+    def _with_others_aside(self, *, only_useful: bool = False) -> TeamPlan | None:
+        """Return a plan that assumes that the others step aside, or None.
+
+        Args:
+            only_useful: True to return only a plan in which an unused member can begin.
+        """
         self._aside_untried = False
         here = self._anytime.in_model(self._base)
         start = with_others_aside(here, [p for p in self._players if p not in self._team])
@@ -514,20 +542,22 @@ class TeamDecision:
             return None
         found: TeamPlan | None = None
         for plan, begins in self._plans_aside(start, here):
-            if begins or found is None:
-                found = TeamPlan(
-                    plan,
-                    start,
-                    Assumption.OTHERS_ASIDE,
-                    cut_off=self._cut_off,
-                    can_begin=begins,
-                )
-            if begins:
-                break
-        return found
+            made = TeamPlan(
+                plan,
+                start,
+                Assumption.OTHERS_ASIDE,
+                cut_off=self._cut_off,
+                can_begin=bool(begins),
+            )
+            # Members without work come first, so that they do not wait next to busy ones.
+            if begins & (self._unused or begins):
+                return made
+            if found is None or (begins and not found.can_begin):
+                found = made
+        return None if only_useful else found
 
-    def _plans_aside(self, start: State, here: State) -> Iterator[tuple[Plan, bool]]:
-        """Yield plans for others who step aside, and whether each can begin before they do.
+    def _plans_aside(self, start: State, here: State) -> Iterator[tuple[Plan, set[str]]]:
+        """Yield plans for others who step aside, and the members that can begin before they do.
 
         In the last plans, the players first put down what keeps them from other work.
         """
@@ -535,7 +565,8 @@ class TeamDecision:
         if self._effort.brief and len(self._team) > 1:
             # A search for one player has far fewer choices.
             turn = self._tried % len(self._team)
-            teams += [(player,) for player in self._team[turn:] + self._team[:turn]]
+            order = self._team[turn:] + self._team[:turn]
+            teams += [(player,) for player in sorted(order, key=lambda p: p not in self._unused)]
         yield from self._deferred(start, here, teams)
         steps, start = self._emptied(start, self._team)
         for (action,) in steps:
@@ -548,13 +579,13 @@ class TeamDecision:
 
     def _deferred(
         self, start: State, here: State, teams: Iterable[tuple[str, ...]]
-    ) -> Iterator[tuple[Plan, bool]]:
+    ) -> Iterator[tuple[Plan, set[str]]]:
         """Yield plans from a state with all work first that is possible in another one."""
         for team in teams:
             plan = self._find(start, team).plan
             if plan is not None:
                 plan = defer_blocked(plan, start, here, self._team)
-                yield plan, can_begin(plan, start, here, self._team)
+                yield plan, who_can_begin(plan, start, here, self._team)
             elif len(team) == 1:
                 return  # A failed search takes UNSOLVED_FACTOR times as long.
 
