@@ -23,7 +23,7 @@ from robotouille_server.rooms.publishing.broadcaster import Broadcaster
 from robotouille_server.rooms.recording.journal import Journal
 from robotouille_server.rooms.room import Room
 from robotouille_server.runtime.process_limits import CLOSED_AT_LEAST, NEW, rare_collections
-from tests.programs.flood_client import SUBPROTOCOL
+from tests.programs.floods.client import SUBPROTOCOL
 from tests.support.fuzzing.wire import PING, TEXT, frame, request
 from tests.support.metrics import dropped
 from tests.support.servers import raw, serving

@@ -1,6 +1,6 @@
 """MQTT broker over TLS that floods the server.
 
-    python -m tests.programs.broker_flood packets PORT PEM
+    python -m tests.programs.floods.broker packets PORT PEM
 
 With `packets`, its TLS records end within packets, so after each packet the server has decrypted
 data pending. The first connections receive packets as fast as the server reads, and later ones stay
@@ -40,7 +40,7 @@ def flooding_broker(kind: BrokerFlood, pem: Path) -> Iterator[str]:
     """Run the broker in another process with this key and certificate, and yield its URL."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    command = [sys.executable, "-m", "tests.programs.broker_flood", kind, str(port), str(pem)]
+    command = [sys.executable, "-m", "tests.programs.floods.broker", kind, str(port), str(pem)]
     process = subprocess.Popen(command)
     try:
         yield f"mqtts://127.0.0.1:{port}"

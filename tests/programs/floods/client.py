@@ -7,10 +7,21 @@ import socket
 
 from tests.support.fuzzing.wire import TEXT, frame, request
 
-__all__ = ["CHUNK", "connect", "message", "read_until", "text_after"]
+__all__ = [
+    "CHUNK",
+    "ELSEWHERE",
+    "code_of_new_game",
+    "connect",
+    "join_all_seats",
+    "message",
+    "read_until",
+    "text_after",
+]
 
 SUBPROTOCOL = "robotouille.v1.json"
 CHUNK = 1024 * 1024
+ELSEWHERE = "X-Forwarded-For: 203.0.113.9\r\n"
+"""Header of a proxy, so that the server treats a connection as a remote player's, not a host's."""
 
 
 def message(**fields: object) -> bytes:
@@ -41,3 +52,18 @@ def read_until(connection: socket.socket, mark: bytes) -> bytes:
 def text_after(data: bytes, field: str) -> str:
     """Return the first value of a field."""
     return data.split(f'"{field}":"'.encode())[1].split(b'"')[0].decode()
+
+
+def code_of_new_game(port: int, rules: dict[str, object]) -> str:
+    """Open a game as its host, and return its code."""
+    host = connect(port, "host")
+    host.sendall(message(**{"type": "create", **rules}))
+    code = text_after(read_until(host, b'"created"'), "code")
+    host.close()
+    return code
+
+
+def join_all_seats(connection: socket.socket, code: str) -> None:
+    """Join a game as the player of all its seats, who reads everything."""
+    connection.sendall(message(type="join", episode=code, seats="all", view="both", partial=True))
+    read_until(connection, b'"joined"')

@@ -17,7 +17,7 @@ from contextlib import suppress
 from itertools import cycle
 from typing import Literal
 
-from tests.programs.honest_game import HELLO, SUBPROTOCOL
+from tests.programs.floods.honest_game import HELLO, SUBPROTOCOL
 from tests.programs.key_changes import CIPHER, KeyChanges, logged_keys
 from tests.support.client_hello import slow_hello
 from tests.support.fuzzing.wire import TEXT, frame, request

@@ -9,7 +9,7 @@ import select
 import time
 from contextlib import suppress
 
-from tests.programs.flood_client import CHUNK, connect, message, read_until, text_after
+from tests.programs.floods.client import CHUNK, connect, message, read_until, text_after
 
 __all__ = ["DelayFlood"]
 

@@ -6,19 +6,28 @@ Each rematch opens a room and a recording, and the ended rooms stay for the grac
 from __future__ import annotations
 
 import select
+import socket
 import time
 from contextlib import suppress
 
-from tests.programs.flood_client import CHUNK, connect, message, read_until, text_after
+from tests.programs.floods.client import (
+    CHUNK,
+    ELSEWHERE,
+    code_of_new_game,
+    connect,
+    join_all_seats,
+    message,
+    read_until,
+    text_after,
+)
 
-__all__ = ["RematchFlood", "RematchPlayer"]
+__all__ = ["RematchFlood", "RematchPlayer", "all_rematches"]
 
-ELSEWHERE = "X-Forwarded-For: 203.0.113.9\r\n"
-"""Header of a proxy, so that the server treats the connection as a player's, not a host's."""
+ROUNDS = 3
+"""Rounds in which each ended game is played again. Each round could double their number."""
 RETRY_SECONDS = 0.11
 """Time after which a refused request is repeated: less often than the limit of messages allows."""
-GAME = {
-    "type": "create",
+GAME: dict[str, object] = {
     "task": "synchronous/01",
     "clock": "lockstep",
     "absence": "end",
@@ -34,10 +43,7 @@ class RematchPlayer:
     """
 
     def __init__(self, port: int, name: str) -> None:
-        host = connect(port, f"host of {name}")
-        host.sendall(message(**GAME))
-        self.code = text_after(read_until(host, b'"created"'), "code")
-        host.close()
+        self.code = code_of_new_game(port, GAME)
         self._connection = connect(port, name, ELSEWHERE)
         self._received = b""
         self._pause_until = 0.0
@@ -86,3 +92,32 @@ class RematchFlood:
             select.select(self._players, [], [], RETRY_SECONDS / 2)
             for player in self._players:
                 player.push()
+
+
+def all_rematches(port: int, rules: dict[str, object]) -> list[str]:
+    """Return the codes of all rematches that the server allows of one new game."""
+    code = code_of_new_game(port, rules)
+    ended = [(code, _leave_at_once(port, code))]
+    codes: list[str] = []
+    for number in range(ROUNDS + 1):
+        for code, asker in list(ended):
+            # The second request is always refused, the first one only at the server's limit.
+            asker.sendall(message(type="create", rematch=code) + message(type="resync"))
+            answer = read_until(asker, b'"error"')
+            if b'"created"' not in answer:
+                continue
+            again = text_after(answer.split(b'"created"')[1], "code")
+            if number < ROUNDS:
+                ended.append((again, _leave_at_once(port, again)))
+            else:
+                codes.append(again)
+    return codes
+
+
+def _leave_at_once(port: int, code: str) -> socket.socket:
+    """End a game by leaving all its seats; return the connection of its player."""
+    player = connect(port, "eve", ELSEWHERE)
+    join_all_seats(player, code)
+    player.sendall(message(type="leave"))
+    read_until(player, b'"type":"left"')
+    return player

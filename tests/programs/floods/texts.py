@@ -15,19 +15,24 @@ import time
 from contextlib import suppress
 from typing import Literal
 
-from tests.programs.flood_client import CHUNK, connect, message, read_until, text_after
+from tests.programs.floods.client import (
+    CHUNK,
+    ELSEWHERE,
+    code_of_new_game,
+    connect,
+    join_all_seats,
+    message,
+    read_until,
+)
+from tests.programs.floods.rematches import all_rematches
 
 __all__ = ["TextFlood", "TextFloodKind"]
 
 TextFloodKind = Literal["declared", "rematches", "fast", "idle"]
 
-ELSEWHERE = "X-Forwarded-For: 203.0.113.9\r\n"
-"""Header of a proxy, so that the server treats the connection as a player's, not a host's."""
 SEATS = 4
 LONGEST_MS = 86_400_000
-ROUNDS = 3
-"""Rounds in which each ended game is played again. Each round could double their number."""
-GAME = {"type": "create", "task": "multi_agent/10", "seats": SEATS, "clock": "realtime"}
+GAME: dict[str, object] = {"task": "multi_agent/10", "seats": SEATS, "clock": "realtime"}
 DECLARED = {**GAME, "thinking": "declared", "max_steps": 5000}
 SIGHT = {
     **GAME,
@@ -39,19 +44,6 @@ SIGHT = {
 }
 FAST = {**SIGHT, "task": "shifts/06_rush_hour", "step_rate": 60, "sight": 4}
 ACT_SECONDS, ACTS_PER_SNAPSHOT = 0.03, 4
-
-
-def _code_of_new_game(port: int, rules: dict[str, object]) -> str:
-    host = connect(port, "host")
-    host.sendall(message(**rules))
-    code = text_after(read_until(host, b'"created"'), "code")
-    host.close()
-    return code
-
-
-def _join(connection: socket.socket, code: str) -> None:
-    connection.sendall(message(type="join", episode=code, seats="all", view="both", partial=True))
-    read_until(connection, b'"joined"')
 
 
 class _DeclaredPlayer:
@@ -77,9 +69,9 @@ class _DeclaredPlayer:
             self._connection = self._begun()
 
     def _begun(self) -> socket.socket:
-        code = _code_of_new_game(self._port, DECLARED)
+        code = code_of_new_game(self._port, DECLARED)
         connection = connect(self._port, "eve", ELSEWHERE)
-        _join(connection, code)
+        join_all_seats(connection, code)
         for number in range(1, SEATS + 1):
             act = {"type": "act", "seq": 1, "action": None, "think_ms": LONGEST_MS}
             connection.sendall(message(**act, seat=f"robot{number}"))
@@ -125,7 +117,7 @@ class _Actor(_Reader):
 
 def _readers(port: int, code: str) -> list[_Reader]:
     player = connect(port, "eve", ELSEWHERE)
-    _join(player, code)
+    join_all_seats(player, code)
     return [_Reader(player)]
 
 
@@ -139,35 +131,6 @@ def _actors(port: int, code: str) -> list[_Reader]:
     return players
 
 
-def _rematches(port: int, rules: dict[str, object]) -> list[str]:
-    """Return the codes of all rematches that the server allows of one game."""
-    code = _code_of_new_game(port, rules)
-    ended = [(code, _leave_at_once(port, code))]
-    codes: list[str] = []
-    for number in range(ROUNDS + 1):
-        for code, asker in list(ended):
-            # The second request is always refused, the first one only at the server's limit.
-            asker.sendall(message(type="create", rematch=code) + message(type="resync"))
-            answer = read_until(asker, b'"error"')
-            if b'"created"' not in answer:
-                continue
-            again = text_after(answer.split(b'"created"')[1], "code")
-            if number < ROUNDS:
-                ended.append((again, _leave_at_once(port, again)))
-            else:
-                codes.append(again)
-    return codes
-
-
-def _leave_at_once(port: int, code: str) -> socket.socket:
-    """End a game by leaving all its seats; return the connection of its player."""
-    player = connect(port, "eve", ELSEWHERE)
-    _join(player, code)
-    player.sendall(message(type="leave"))
-    read_until(player, b'"type":"left"')
-    return player
-
-
 class TextFlood:
     """Games whose players read the text of all seats."""
 
@@ -177,11 +140,11 @@ class TextFlood:
             self._players = [_DeclaredPlayer(port) for _ in range(games)]
             return
         if kind == "idle":
-            codes = [_code_of_new_game(port, FAST) for _ in range(games)]
+            codes = [code_of_new_game(port, FAST) for _ in range(games)]
             self._players = [player for code in codes for player in _readers(port, code)]
             return
         rules, players = (FAST, _actors) if kind == "fast" else (SIGHT, _readers)
-        codes = [code for _ in range(games) for code in _rematches(port, rules)]
+        codes = [code for _ in range(games) for code in all_rematches(port, rules)]
         self._players = [player for code in codes for player in players(port, code)]
 
     def run(self) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import select
 from contextlib import suppress
 
-from tests.programs.flood_client import CHUNK, connect, message, text_after
+from tests.programs.floods.client import CHUNK, connect, message, text_after
 
 __all__ = ["OpeningFlood"]
 

@@ -12,8 +12,8 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 
-from tests.programs.flood_client import CHUNK, connect, message, read_until, text_after
-from tests.programs.rematch_flood import RematchPlayer
+from tests.programs.floods.client import CHUNK, connect, message, read_until, text_after
+from tests.programs.floods.rematches import RematchPlayer
 
 __all__ = ["AudienceFlood"]
 
