@@ -10,6 +10,7 @@ import pytest
 
 from robotouille.episode import SeatTreatment
 from robotouille.errors import ProtocolError
+from robotouille.protocol.messages import Created
 from robotouille_client import Client, Game, connect
 from robotouille_server import Server
 from robotouille_server.auth import Role
@@ -41,6 +42,17 @@ async def played(clients: list[Client], **options: object) -> list[Game]:
     return games
 
 
+async def ended_after_removal(server: Server, ada: Client, eve: Client) -> Created:
+    """End an episode from which eve was removed, and in which ada stayed."""
+    created = await ada.create(TASK, **RULES)
+    await eve.join(created.code)
+    room = server.lobby.find(created.code)
+    room.kick(next(s for s in room.members if s.name == "eve"), "rude")
+    await ada.join(created.code)
+    room.abort("over")
+    return created
+
+
 async def restarted(stack: AsyncExitStack, server: Server, folder: Path) -> Server:
     """Replace the server by another process, and return it with reconnected clients."""
     port = server.port
@@ -53,12 +65,7 @@ async def restarted(stack: AsyncExitStack, server: Server, folder: Path) -> Serv
 @virtual
 async def test_removed_participant_cannot_play_again(tmp_path: Path) -> None:
     async with with_clients(tmp_path, "ada", "eve") as (server, ada, eve):
-        created = await ada.create(TASK, **RULES)
-        await eve.join(created.code)
-        room = server.lobby.find(created.code)
-        room.kick(next(s for s in room.members if s.name == "eve"), "rude")
-        await ada.join(created.code)
-        room.abort("over")
+        created = await ended_after_removal(server, ada, eve)
         await asyncio.sleep(0.1)
         with pytest.raises(ProtocolError, match="were removed"):
             await eve.create(rematch=created.code)
@@ -72,12 +79,7 @@ async def test_removed_participant_cannot_join_a_rematch(tmp_path: Path, restart
         server, ada = await stack.enter_async_context(with_clients(tmp_path, "ada"))
         token = server.tokens.mint_role(Role.PLAYER, "eve", seconds=3600) if restarts else None
         eve = await stack.enter_async_context(connect(server.url, name="eve", token=token))
-        created = await ada.create(TASK, **RULES)
-        await eve.join(created.code)
-        room = server.lobby.find(created.code)
-        room.kick(next(s for s in room.members if s.name == "eve"), "rude")
-        await ada.join(created.code)
-        room.abort("over")
+        await ended_after_removal(server, ada, eve)
         again = await ada.rematch()
         if restarts:
             await restarted(stack, server, tmp_path)
