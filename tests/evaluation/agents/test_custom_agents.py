@@ -90,6 +90,7 @@ def answered(name: str, *answers: str) -> Proposal:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_report")
 def test_documented_agents_are_evaluated(module: str, tmp_path: Path) -> None:
     run, agents = tmp_path / "run", f"{module}:Numbered,{module}:Walker"
     result = called("run", run, "--agents", agents, "--tasks", SANDWICH, "--limit", 1)
@@ -143,6 +144,7 @@ def test_mistakes_are_named(module: str, agent: str, fault: str) -> None:
         answered(f"{module}:{agent}")
 
 
+@pytest.mark.usefixtures("no_report", "no_processes")
 def test_mistake_ends_its_episode_only(module: str, tmp_path: Path) -> None:
     run, agents = tmp_path / "run", f"{module}:Broken,random"
     result = called("run", run, "--agents", agents, "--tasks", SANDWICH, "--limit", 1)

@@ -69,15 +69,11 @@ class FakeModel:
 
 
 @pytest.fixture(autouse=True)
-def fake(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def fake(no_report: None, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     FakeModel.asked, FakeModel.failing, FakeModel.kind = [], False, ModelErrorKind.TIME_OUT
     for name in KEY_VARIABLES:
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr("robotouille_evaluation.cli.models.OpenAICompatibleModel", FakeModel)
-    monkeypatch.setattr(
-        "robotouille_evaluation.report.write_report",
-        lambda rows, folder, **_: folder / "report.html",
-    )
     yield
 
 

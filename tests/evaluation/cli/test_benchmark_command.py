@@ -18,7 +18,6 @@ from robotouille_evaluation.cli.benchmark import benchmark
 from robotouille_evaluation.cli.models import ModelChoice
 from robotouille_evaluation.cli.planning import agent_spec
 from robotouille_evaluation.cli.run_options import RunOptions
-from robotouille_evaluation.metrics import ResultRow
 from robotouille_evaluation.packs.experiment import Experiment
 from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.store import read_pack, write_pack
@@ -30,20 +29,11 @@ SANDWICH = "synchronous/01_cheese_sandwich"
 TEAM = "multi_agent/01_lettuce_burger"
 MODEL = ["--tasks", SANDWICH, "--kinds", "default", "--agents", "react-none"]
 
+pytestmark = pytest.mark.usefixtures("no_report")
+
 
 def called(*words: str | Path) -> Result:
     return CliRunner().invoke(benchmark, [str(word) for word in words])
-
-
-@pytest.fixture(autouse=True)
-def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Skip figures, which take seconds and have tests of their own."""
-
-    def write_report(rows: list[ResultRow], folder: Path, **_: Any) -> Path:
-        assert rows
-        return folder / "report.html"
-
-    monkeypatch.setattr("robotouille_evaluation.report.write_report", write_report)
 
 
 def test_run_is_played_and_not_overwritten(tmp_path: Path) -> None:
@@ -94,6 +84,7 @@ def test_run_whose_pack_cannot_be_written_does_not_begin(tmp_path: Path) -> None
     assert [path.name for path in tmp_path.iterdir()] == ["pack"]
 
 
+@pytest.mark.usefixtures("no_processes")
 @pytest.mark.parametrize(("agent", "announced"), [("planner", True), ("random", False)])
 def test_compiling_in_other_processes_is_announced(
     agent: str, announced: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

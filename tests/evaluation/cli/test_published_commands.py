@@ -28,6 +28,8 @@ PAGE = Path(__file__).resolve().parents[3] / "docs/evaluate_models.md"
 EXPERIMENT = "ReAct/plain"
 NO_CONSTANT = "environments/env_generator/examples/synchronous/0.1_toast.json"
 
+pytestmark = pytest.mark.usefixtures("no_report")
+
 
 def called(*words: str | Path) -> Result:
     return CliRunner().invoke(app, [str(word) for word in words])
@@ -40,14 +42,6 @@ def documented(heading: str) -> list[list[str]]:
     return [
         shlex.split(line[2:]) for line in block.splitlines() if line.startswith("$ robotouille")
     ]
-
-
-@pytest.fixture(autouse=True)
-def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Skip figures, which take seconds and have tests of their own."""
-    monkeypatch.setattr(
-        "robotouille_evaluation.report.write_report", lambda _, folder, **__: folder / "report.html"
-    )
 
 
 @NEEDED
@@ -92,6 +86,7 @@ def toast(tmp_path: Path) -> Path:
 RANDOM = ("--agents", "random", "--processes", "1")
 
 
+@pytest.mark.usefixtures("no_processes")
 def test_instances_without_a_constant_are_left_out(tmp_path: Path, toast: Path) -> None:
     words = ("run", tmp_path / "run", "--pack", toast, "--budget", "published", *RANDOM)
     result = called("benchmark", *words)
@@ -118,6 +113,7 @@ def test_inspect_leaves_out_instances_without_a_constant(
     assert "2 of 4 instances have no published constant" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("no_processes")
 def test_run_has_one_kind_of_budget(tmp_path: Path, toast: Path) -> None:
     partly = read_pack(toast)
     write_pack(replace(partly, instances=tuple(_with_a_plan(partly))), toast)
