@@ -59,6 +59,31 @@ def test_reader_reads_only_the_timers_that_change(monkeypatch: pytest.MonkeyPatc
     assert parsed == [cooking]
 
 
+SPELLINGS = ["00", "+0", " 0", "0_0", "-0", "\N{ARABIC-INDIC DIGIT ZERO}"]
+
+
+@pytest.mark.parametrize("index", SPELLINGS)
+def test_an_effect_has_one_label(index: str) -> None:
+    """A client kept a timer for each spelling, so a hostile server could fill its memory."""
+    reader = initial_reader(World("asynchronous/05"))
+    with pytest.raises(ProtocolError, match="not the number of an effect"):
+        reader.apply({"timers": {f"cook.{index}(patty1,stove1)": [0, 1]}})
+
+
+def test_timers_of_all_deltas_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(states, "MAX_TIMERS", 2)
+    reader = initial_reader(World("asynchronous/05"))
+    for item in ("patty1", "onion1"):
+        reader.apply({"timers": {f"cook.0({item},stove1)": [0, 1]}})
+    with pytest.raises(ProtocolError, match="more than 2 timers"):
+        reader.apply({"timers": {"cook.0(onion2,stove1)": [0, 1]}})
+
+
+def initial_reader(world: World) -> StateReader:
+    writer = StateWriter(world)
+    return StateReader(world, writer.tables(world.initial), writer.values(world.initial))
+
+
 def test_unchanged_fields_are_omitted() -> None:
     state = World("synchronous/01").initial
     assert StateWriter(state.world).changes(state, state) == {}

@@ -7,13 +7,15 @@ import pickle
 import random
 import subprocess
 import sys
+from itertools import product
+from weakref import WeakSet
 
 import msgpack
 import pytest
 
 from robotouille import RobotouilleError, World, WrongArgumentError, WrongWorldError, load_task
 from robotouille.world import timers
-from robotouille.world.grounding import goal, successors
+from robotouille.world.grounding import goal, ground_task, successors
 from tests.support.samples import quick_sample
 from tests.world.differential import WALKS, walk_both
 from tests.world.kitchens import (
@@ -243,6 +245,23 @@ def test_few_bytes_cannot_make_a_world_grow_without_limit() -> None:
     with pytest.raises(WrongWorldError, match="more than 500 created objects"):
         world.unpack(msgpack.packb([version, mark, b"\xff" * 4_000, *rows]))
     assert len(world.all_objects()) <= len(world.placed) + 2 * 501
+
+
+def test_a_world_keeps_only_some_of_the_effects_that_no_state_uses(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(ground_task, "MAX_EFFECTS", 10)
+    world = World("asynchronous/05")
+    items = ("onion1", "onion2", "patty1", "cheese1", "bottombun1", "topbun1")
+    stations = ("table1", "table2", "table3", "stove1", "board1", "fryer1")
+    rows = [("cook", 0, pair, (0, 1)) for pair in product(items, stations)]
+    kept = [world.restore(world.initial.facts, [row]) for row in rows[:3]]
+    effects = WeakSet(entry[0] for state in kept for entry in state.timers.entries)
+    for row in rows:
+        effects.update(e for e, _ in world.restore(world.initial.facts, [row]).timers.entries)
+        assert len(effects) <= 10
+    again = [world.restore(world.initial.facts, [row]) for row in rows[:3]]
+    assert [state.timers for state in again] == [state.timers for state in kept]
 
 
 def test_facts_about_missing_objects_raise() -> None:

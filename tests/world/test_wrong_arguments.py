@@ -42,6 +42,7 @@ NAMES: list[tuple[Callable[[], Any], str]] = [
     (lambda: WORLD.admit([3]), "no object 3"),
     (lambda: WORLD.restore(0, [("dance", *ROW[1:])]), "no action 'dance'"),
     (lambda: WORLD.restore(0, [("cook", 0, ("patty1", "oven1"), (0, 0))]), "no object 'oven1'"),
+    (lambda: WORLD.restore(0, [("cook", 0, ("patty1", "patty1"), (0, 0))]), "'cook.0' takes a st"),
 ]
 
 ARGUMENTS: list[tuple[Callable[[], Any], str]] = [

@@ -27,6 +27,8 @@ _ranked_tables: WeakKeyDictionary[World, Tables] = WeakKeyDictionary()
 _positions: WeakKeyDictionary[World, list[int]] = WeakKeyDictionary()
 """The same for `RankedStateWriter`, and the position of each bit in its tables."""
 MAX_TABLES = 4
+MAX_TIMERS = 20_000
+"""Timers of a state. Readers and the recorder visit all of them in each step."""
 
 
 def effect_label(effect: Effect) -> str:
@@ -45,8 +47,12 @@ def parse_label(label: str) -> tuple[str, int, tuple[str, ...]]:
     action, dot, index = head.rpartition(".")
     if not (bracket and dot and rest.endswith(")")):
         raise ValueError(f"not an effect: {label!r}")
+    # A label has one spelling. Readers would keep a timer for each of `cook.0(…)` and `cook.00(…)`.
+    number = int(index)
+    if index != str(number):
+        raise ValueError(f"not the number of an effect: {label!r}")
     arguments = tuple(rest[:-1].split(",")) if rest != ")" else ()
-    return action, int(index), arguments
+    return action, number, arguments
 
 
 def unmet_rows(attempts: Iterable[Attempt]) -> dict[str, list[str]]:
@@ -334,6 +340,9 @@ class StateReader:
         return mask
 
     def _state(self) -> State:
+        # Deltas of a hostile server could add timers without end.
+        if len(self._timers) > MAX_TIMERS:
+            raise ValueError(f"more than {MAX_TIMERS:,} timers")
         busy = tuple(sorted(self._busy.items()))
         return self.world.restore(self._facts, [*self._timers.values()], busy, self._orders)
 

@@ -31,7 +31,7 @@ from robotouille.episode.events import (
 )
 from robotouille.episode.rules import MAX_LABELS, SeatTreatment
 from robotouille.errors import RecordingError
-from robotouille.protocol.states import why_row
+from robotouille.protocol.states import MAX_TIMERS, why_row
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import WORDED
 from robotouille.world.world import State, Step, World
@@ -86,12 +86,10 @@ Clock = Annotated[int, Field(ge=-MAX_MS, le=MAX_MS)]
 Utc = Annotated[int, Field(ge=-62_135_596_800_000, le=253_402_300_799_999)]
 """Milliseconds since 1970, in the years 1 to 9999."""
 Row = Annotated[list[int], Field(min_length=1)]
-# Without these limits, a few kilobytes of compressed frames could name millions of players and
-# timers, and readers would visit all of them in each step.
+# Without these limits and `MAX_TIMERS`, a few kilobytes of compressed frames could name millions
+# of players and timers, and readers would visit all of them in each step.
 MAX_PLAYERS = 1_000
 """Players in a list of a frame. A task has at most as many objects."""
-MAX_TIMERS = 20_000
-"""Timers in a frame."""
 MAX_HOLDS = 100
 """Reasons for a pause in a note."""
 MAX_REASONS = 200

@@ -8,7 +8,7 @@ outside `tested`, so that the test always fails.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -24,6 +24,7 @@ class EffectSchema:
 
     definition: EffectDef
     variables: tuple[str, ...]
+    types: tuple[str, ...]
     repeats: bool
 
 
@@ -158,9 +159,6 @@ def compile_schemas(task: Task) -> tuple[ActionSchema, ...]:
         actor = next((n for n, kind in types.items() if kind in task.domain.player_types), None)
         mentioned = [n for n in placeholders(definition.language_description) if n in types]
         order = list(dict.fromkeys([*([actor] if actor else []), *mentioned, *types]))
-        # Effects nested in an instant effect start separately, so they need numbers of their own.
-        instants = [e for e in _walk(definition.sfx) if isinstance(e, InstantEffect)]
-        born = [nested for effect in instants for nested in effect.sfx]
         schemas.append(
             ActionSchema(
                 index=index,
@@ -168,18 +166,30 @@ def compile_schemas(task: Task) -> tuple[ActionSchema, ...]:
                 definition=definition,
                 parameters=tuple((name, types[name]) for name in order),
                 player=actor is not None,
-                effects=tuple(_effect(e) for e in definition.sfx),
-                born=tuple(_effect(e) for e in born),
+                effects=tuple(_effect(e, types) for e in definition.sfx),
+                born=tuple(_born(definition.sfx, types)),
             )
         )
     return tuple(schemas)
 
 
-def _effect(definition: EffectDef) -> EffectSchema:
+def _effect(definition: EffectDef, types: Mapping[str, str]) -> EffectSchema:
     effects = _walk((definition,))
     created = {e.created_obj.param for e in effects if isinstance(e, Creation)}
     mentioned = dict.fromkeys(n for n in _variables(definition) if n not in created)
-    return EffectSchema(definition, tuple(mentioned), _repeats(definition))
+    kinds = tuple(types[name] for name in mentioned)
+    return EffectSchema(definition, tuple(mentioned), kinds, _repeats(definition))
+
+
+def _born(effects: Iterable[EffectDef], types: Mapping[str, str]) -> Iterator[EffectSchema]:
+    """Yield the effects nested in instant ones. They start separately, so they need numbers."""
+    for effect in effects:
+        known = types
+        if isinstance(effect, Creation):
+            known = {**types, effect.created_obj.param: effect.created_obj.type}
+        if isinstance(effect, InstantEffect):
+            yield from (_effect(nested, known) for nested in effect.sfx)
+        yield from _born(effect.sfx, known)
 
 
 def _walk(effects: tuple[EffectDef, ...]) -> Iterator[EffectDef]:

@@ -45,7 +45,7 @@ class EffectNode:
     binding: tuple[tuple[str, str], ...] = ()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Effect:
     """Special effect bound to objects; equal effects are the same object.
 

@@ -6,6 +6,8 @@ when first needed, because most combinations of arguments never occur.
 
 from __future__ import annotations
 
+from weakref import WeakValueDictionary
+
 from robotouille.domain.schema import EffectDef
 from robotouille.domain.task import Task
 from robotouille.errors import UnknownNameError, WrongWorldError, did_you_mean, with_article
@@ -21,6 +23,9 @@ from robotouille.world.grounding.goal import Goal
 from robotouille.world.grounding.ground_objects import GroundObjects
 from robotouille.world.grounding.objects import bound
 
+MAX_EFFECTS = 20_000
+"""Effects that a world keeps at least. States from a hostile server name any number of them."""
+
 
 class GroundTask(GroundObjects):
     """The actions, effects and goal of a task over its objects."""
@@ -32,6 +37,7 @@ class GroundTask(GroundObjects):
         self._named: dict[tuple[str, tuple[str, ...]], GroundAction] = {}
         self._ground: dict[tuple[int, tuple[str, ...]], GroundAction] = {}
         self._effects: dict[tuple[str, int, tuple[str, ...]], Effect] = {}
+        self._most_effects = MAX_EFFECTS
         self._nested_labels = {
             id(effect.definition): (schema.name, i, effect.variables)
             for schema in self.schemas
@@ -73,12 +79,15 @@ class GroundTask(GroundObjects):
             names = ", ".join(f"{n}: {kind}" for n, kind in schema.parameters)
             raise UnknownNameError(f"{name!r} takes ({names}), found {len(arguments)} arguments")
         for argument, (_, kind) in zip(arguments, schema.parameters, strict=True):
-            found = self.thing(argument).type
-            if found != kind:
-                is_one, needed = with_article(found), with_article(kind)
-                raise UnknownNameError(f"{argument!r} is {is_one}; {name!r} takes {needed} there")
+            self._check_type(argument, kind, name)
         action = self._named[name, arguments] = self.ground_action(schema, arguments)
         return action
+
+    def _check_type(self, argument: str, kind: str, taker: str) -> None:
+        found = self.thing(argument).type
+        if found != kind:
+            is_one, needed = with_article(found), with_article(kind)
+            raise UnknownNameError(f"{argument!r} is {is_one}; {taker!r} takes {needed} there")
 
     def ground_action(self, schema: ActionSchema, arguments: tuple[str, ...]) -> GroundAction:
         """Return the ground action of a schema and arguments of the right types."""
@@ -140,8 +149,9 @@ class GroundTask(GroundObjects):
         """Return a special effect by its label.
 
         Raises:
-            UnknownNameError: There is no such action or object.
-            WrongWorldError: The action has no such effect, or it takes other arguments.
+            UnknownNameError: There is no such action or object, or a type of the arguments is
+                wrong.
+            WrongWorldError: The action has no such effect, or it takes more or fewer arguments.
         """
         known = self._effects.get((action, index, arguments))
         if known is not None:
@@ -154,9 +164,9 @@ class GroundTask(GroundObjects):
         effect = effects[index]
         if len(arguments) != len(effect.variables):
             raise WrongWorldError(f"{action}.{index} takes {effect.variables}, found {arguments}")
+        for argument, kind in zip(arguments, effect.types, strict=True):
+            self._check_type(argument, kind, f"{action}.{index}")
         binding = dict(zip(effect.variables, arguments, strict=True))
-        for name in arguments:
-            self.thing(name)
         return self._effect(effect.definition, (action, index, effect.variables), binding)
 
     def effect_run(self, facts: int) -> EffectRun:
@@ -177,9 +187,18 @@ class GroundTask(GroundObjects):
         label = (action, index, tuple(binding[name] for name in variables))
         effect = self._effects.get(label)
         if effect is None:
+            if len(self._effects) >= self._most_effects:
+                self._forget_unused_effects()
             effect = compile_effect(definition, label, binding, self.table, self._count)
             self._effects[label] = effect
         return effect
+
+    def _forget_unused_effects(self) -> None:
+        """Drop the effects that neither actions nor timers use."""
+        used = WeakValueDictionary(self._effects)
+        self._effects.clear()
+        self._effects.update(used)
+        self._most_effects = max(MAX_EFFECTS, 2 * len(self._effects))
 
     def _count(self, definition: EffectDef, subject: str) -> int:
         """Return the number of updates after which a counting effect takes place.
