@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import ssl
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -33,6 +32,7 @@ from robotouille_server.transport import (
     SILENT_FACTOR,
     Admission,
     Newcomers,
+    ServerTLS,
 )
 
 __all__ = ["CannotListenError", "Server", "Surroundings", "serve"]
@@ -146,8 +146,8 @@ class Server:
         return self.listener.public_url
 
     @property
-    def tls(self) -> ssl.SSLContext | None:
-        """TLS context of the sockets, if they use TLS."""
+    def tls(self) -> ServerTLS | None:
+        """Certificate of the server, if it uses TLS."""
         return self.listener.tls
 
     @property

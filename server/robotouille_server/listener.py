@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
-import ssl
 from collections.abc import Callable
 from functools import partial
 from http import HTTPStatus
@@ -262,7 +261,7 @@ class Listener:
         if settings.tls_cert is not None or settings.tls_key is not None:
             self._tls = ServerTLS.from_settings(settings.tls_cert, settings.tls_key)
             self._watching = asyncio.create_task(self._tls.watch())
-            self._admission.tls = self._tls.context
+            self._admission.tls = self._tls
 
     async def listen(self) -> None:
         """Listen on all ports.
@@ -340,9 +339,9 @@ class Listener:
         return f"{scheme}://{f'[{host}]' if ':' in host else host}:{self.port}"
 
     @property
-    def tls(self) -> ssl.SSLContext | None:
-        """TLS context of the sockets, if they use TLS."""
-        return self._tls.context if self._tls is not None else None
+    def tls(self) -> ServerTLS | None:
+        """Certificate of the server, if it uses TLS."""
+        return self._tls
 
     # The end
 

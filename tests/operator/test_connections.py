@@ -29,7 +29,9 @@ from robotouille_server.operator.connections import (
     OperatorConnection,
 )
 from robotouille_server.operator.principal import RequestRefusedError
+from robotouille_server.transport import ServerTLS
 from robotouille_server.transport.tls_records import RecordMeter
+from tests.support.certificates import Pair
 from tests.support.operator import PATIENCE, bearer, viewing
 from tests.support.samples import quick_sample
 from tests.support.virtual_time import virtual
@@ -253,6 +255,10 @@ async def test_connection_with_a_token_survives_a_flood(tmp_path: Path) -> None:
                 assert await late.status() == 200
 
 
+def secure_view(pair: Pair) -> dict[str, Any]:
+    return {"tls": ServerTLS(pair.cert, pair.key)}
+
+
 CHUNKED = head("/api/announce", "POST", **{"Transfer-Encoding": "chunked"}) + b"1\r\na\r\n" * 10_000
 MANY_LINES = head()[:-2] + b"a:\r\n" * MAX_HEAD_LINES + b"\r\n"
 
@@ -265,11 +271,8 @@ async def test_costly_requests_of_strangers_are_refused(
 ) -> None:
     problems: list[Any] = []
     asyncio.get_running_loop().set_exception_handler(lambda _, problem: problems.append(problem))
-    authority = trustme.CA()
-    context, trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), ssl.create_default_context()
-    authority.issue_cert("127.0.0.1").configure_cert(context)
-    authority.configure_trust(trusting)
-    view, options = ({"tls": context}, {"ssl": trusting}) if secure else ({}, {})
+    pair = Pair(tmp_path)
+    view, options = (secure_view(pair), {"ssl": pair.client()}) if secure else ({}, {})
     opened = viewing(tmp_path, tokens=True, view=view)
     async with opened as (_, port, _), clients(port, **options) as (stranger,):
         stranger.send(sent)
@@ -281,14 +284,11 @@ async def test_costly_requests_of_strangers_are_refused(
 
 @virtual
 async def test_unfinished_tls_handshakes_hold_slots_and_expire(tmp_path: Path) -> None:
-    authority = trustme.CA()
-    context, trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), ssl.create_default_context()
-    authority.issue_cert("127.0.0.1").configure_cert(context)
-    authority.configure_trust(trusting)
-    async with viewing(tmp_path, view={"tls": context}) as (_, port, _):
+    pair = Pair(tmp_path)
+    async with viewing(tmp_path, view=secure_view(pair)) as (_, port, _):
         start = asyncio.get_running_loop().time()
         async with clients(port, MAX_CONNECTIONS + 12) as silent:
-            async with clients(port, ssl=trusting) as (client,):
+            async with clients(port, ssl=pair.client()) as (client,):
                 client.send(head())
                 assert await client.status() == 200
             assert await silent[-1].closed_at() - start == about(REQUEST_SECONDS)
@@ -297,14 +297,12 @@ async def test_unfinished_tls_handshakes_hold_slots_and_expire(tmp_path: Path) -
 @pytest.mark.slow
 @virtual
 async def test_failed_tls_handshakes_leave_no_garbage(tmp_path: Path) -> None:
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    trustme.CA().issue_cert("127.0.0.1").configure_cert(context)
     arriving, hello = ssl.MemoryBIO(), ssl.MemoryBIO()
     client = ssl.create_default_context().wrap_bio(arriving, hello, server_hostname="127.0.0.1")
     with contextlib.suppress(ssl.SSLWantReadError):
         client.do_handshake()
     first = hello.read()
-    async with viewing(tmp_path, view={"tls": context}) as (_, port, _):
+    async with viewing(tmp_path, view=secure_view(Pair(tmp_path))) as (_, port, _):
         gc.collect()
         gc.disable()
         try:
@@ -320,3 +318,19 @@ async def test_failed_tls_handshakes_leave_no_garbage(tmp_path: Path) -> None:
         finally:
             gc.enable()
     assert left == []
+
+
+@virtual
+async def test_renewed_certificate_is_served(tmp_path: Path) -> None:
+    pair = Pair(tmp_path)
+    view = secure_view(pair)
+    async with viewing(tmp_path, view=view) as (_, port, _):
+        async with clients(port, ssl=pair.client()) as (client,):
+            client.send(head())
+            assert await client.status() == 200
+        pair.authority = trustme.CA()
+        pair.renew()
+        assert view["tls"].reload()
+        async with clients(port, ssl=pair.client()) as (client,):
+            client.send(head())
+            assert await client.status() == 200

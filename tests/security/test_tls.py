@@ -14,12 +14,12 @@ import tracemalloc
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 import trustme
 from cryptography.hazmat.primitives import serialization
 from websockets.asyncio.client import connect
-from websockets.asyncio.server import ServerConnection, serve
 
 from robotouille_client import Client
 from robotouille_client.errors import ConnectionFailedError
@@ -35,7 +35,8 @@ from robotouille_server.transport.tls import (
     TLSFileError,
     certificate_names,
 )
-from robotouille_server.transport.tls_records import RECORDS_AT_A_TIME, RecordMeter
+from robotouille_server.transport.tls_records import HANDSHAKE, RECORDS_AT_A_TIME, RecordMeter
+from tests.support.certificates import Pair, replace
 from tests.support.client_hello import slow_hello
 from tests.support.fuzzing.wire import frame, request
 from tests.support.handshakes import mint_token
@@ -43,52 +44,15 @@ from tests.support.servers import serving
 from tests.support.virtual_time import run, virtual
 
 
-class Pair:
-    """Certificate chain and key on disk, with the authority that clients trust."""
-
-    def __init__(self, folder: Path) -> None:
-        self.cert = folder / "chain.pem"
-        self.key = folder / "key.pem"
-        self.authority = trustme.CA()
-        self.renew()
-
-    def renew(self, *, key: bool = True, cert: bool = True) -> None:
-        issued = self.authority.issue_cert("127.0.0.1")
-        if key:
-            replace(self.key, issued.private_key_pem.bytes())
-        if cert:
-            replace(self.cert, b"".join(blob.bytes() for blob in issued.cert_chain_pems))
-
-    def client(self) -> ssl.SSLContext:
-        context = ssl.create_default_context()
-        self.authority.configure_trust(context)
-        return context
-
-
-def replace(path: Path, content: bytes) -> None:
-    """Replace a file as renewal programs do: by a new file with its name."""
-    new = path.with_suffix(".new")
-    new.write_bytes(content)
-    new.chmod(0o600)
-    new.replace(path)
-
-
 @pytest.fixture
 def pair(tmp_path: Path) -> Pair:
     return Pair(tmp_path)
 
 
-async def echo(connection: ServerConnection) -> None:
-    async for message in connection:
-        await connection.send(message)
-
-
 @asynccontextmanager
-async def secure_server(tls: ServerTLS, seconds: float = 10.0) -> AsyncIterator[str]:
-    watching = asyncio.create_task(tls.watch(seconds))
-    async with serve(echo, "127.0.0.1", 0, ssl=tls.context, ping_interval=None) as server:
-        yield f"wss://127.0.0.1:{next(iter(server.sockets)).getsockname()[1]}"
-    watching.cancel()
+async def secure_server(pair: Pair) -> AsyncIterator[str]:
+    async with serving(pair.cert.parent / "r", tls_cert=pair.cert, tls_key=pair.key) as server:
+        yield server.url
 
 
 def serial(connection: object) -> str:
@@ -103,47 +67,35 @@ async def serial_now(url: str, pair: Pair) -> str:
 
 @virtual
 async def test_renewed_certificate_is_served_and_connections_survive(pair: Pair) -> None:
-    async with secure_server(ServerTLS(pair.cert, pair.key), 10.0) as url:
+    async with secure_server(pair) as url:
         async with connect(url, ssl=pair.client(), ping_interval=None) as old:
+            await old.send(HELLO.decode())
             pair.renew()
             assert await serial_now(url, pair) == serial(old)
-            await asyncio.sleep(11)
-            assert await serial_now(url, pair) != serial(old)
-            await old.send("still here")
-            assert await old.recv() == "still here"
-
-
-@virtual
-async def test_running_server_uses_the_renewed_certificate(pair: Pair, tmp_path: Path) -> None:
-    async with serving(tmp_path / "r", tls_cert=pair.cert, tls_key=pair.key) as server:
-        async with connect(server.url, ssl=pair.client(), proxy=None) as old:
-            assert await serial_now(server.url, pair) == serial(old)
-            pair.renew()
             await asyncio.sleep(POLL_SECONDS + 1)
-            assert await serial_now(server.url, pair) != serial(old)
+            assert await serial_now(url, pair) != serial(old)
+            await (await old.ping())
 
 
 @virtual
 async def test_half_renewed_certificate_is_not_served(pair: Pair) -> None:
-    tls = ServerTLS(pair.cert, pair.key)
-    async with secure_server(tls) as url:
+    async with secure_server(pair) as url:
         before = await serial_now(url, pair)
         old_cert = pair.cert.read_bytes()
         pair.renew()
         new_cert = pair.cert.read_bytes()
         replace(pair.cert, old_cert)
-        await asyncio.sleep(11)
+        await asyncio.sleep(POLL_SECONDS + 1)
         assert await serial_now(url, pair) == before
         replace(pair.cert, new_cert)
-        await asyncio.sleep(11)
+        await asyncio.sleep(POLL_SECONDS + 1)
         assert await serial_now(url, pair) != before
 
 
 @pytest.mark.parametrize("fault", ["garbage", "empty", "gone", "another's key", "pipe"])
 @virtual
 async def test_invalid_renewal_keeps_the_old_certificate(pair: Pair, fault: str) -> None:
-    tls = ServerTLS(pair.cert, pair.key)
-    async with secure_server(tls) as url:
+    async with secure_server(pair) as url:
         before = await serial_now(url, pair)
         if fault == "gone":
             pair.cert.unlink()
@@ -154,36 +106,74 @@ async def test_invalid_renewal_keeps_the_old_certificate(pair: Pair, fault: str)
             pair.renew(cert=False)
         else:
             replace(pair.cert, {"garbage": b"\0\1\2", "empty": b""}[fault])
-        assert not tls.reload()
+        await asyncio.sleep(POLL_SECONDS + 1)
         assert await serial_now(url, pair) == before
         pair.renew()
-        assert tls.reload()
+        await asyncio.sleep(POLL_SECONDS + 1)
         assert await serial_now(url, pair) != before
+
+
+@virtual
+async def test_key_that_vanishes_while_it_is_loaded_does_not_end_renewals(
+    pair: Pair, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    load = ssl.SSLContext.load_cert_chain
+
+    def vanishing(context: ssl.SSLContext, *files: Any, **options: Any) -> None:
+        load(context, *files, **options)
+        pair.key.unlink()
+
+    async with secure_server(pair) as url:
+        before = await serial_now(url, pair)
+        with monkeypatch.context() as patch:
+            patch.setattr(ssl.SSLContext, "load_cert_chain", vanishing)
+            pair.renew()
+            await asyncio.sleep(POLL_SECONDS + 1)
+        second = await serial_now(url, pair)
+        pair.renew()
+        await asyncio.sleep(POLL_SECONDS + 1)
+        assert len({before, second, await serial_now(url, pair)}) == 3
+
+
+@virtual
+async def test_server_names_that_are_not_ascii_are_no_error(pair: Pair, tmp_path: Path) -> None:
+    """Python prints a traceback if a callback for names is set: a stranger could fill the log."""
+    name = b"kitchen.example.org"
+    sent = ssl.MemoryBIO()
+    client = pair.client().wrap_bio(ssl.MemoryBIO(), sent, server_hostname=name.decode())
+    with pytest.raises(ssl.SSLWantReadError):
+        client.do_handshake()
+    hello = sent.read()
+    assert name in hello
+    async with serving(tmp_path / "r", tls_cert=pair.cert, tls_key=pair.key) as server:
+        reader, writer = await asyncio.open_connection("127.0.0.1", server.port)
+        writer.write(hello.replace(name, b"\xff" * len(name)))
+        assert (await reader.readexactly(1))[0] == HANDSHAKE
+        writer.transport.abort()
 
 
 @virtual
 async def test_files_are_read_outside_the_event_loop(
     pair: Pair, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tls, threads = ServerTLS(pair.cert, pair.key), set[threading.Thread]()
-    reload = tls.reload
+    threads, load = set[threading.Thread](), ssl.SSLContext.load_cert_chain
 
-    def observed() -> bool:
+    def observed(context: ssl.SSLContext, *files: Any, **options: Any) -> None:
         threads.add(threading.current_thread())
-        return reload()
+        load(context, *files, **options)
 
-    monkeypatch.setattr(tls, "reload", observed)
-    async with secure_server(tls):
-        await asyncio.sleep(3 * POLL_SECONDS)
+    async with secure_server(pair):
+        monkeypatch.setattr(ssl.SSLContext, "load_cert_chain", observed)
+        pair.renew()
+        await asyncio.sleep(POLL_SECONDS + 1)
     assert threads
     assert threading.main_thread() not in threads
 
 
 def test_old_tls_versions_are_refused(pair: Pair) -> None:
     async def scenario() -> None:
-        tls = ServerTLS(pair.cert, pair.key)
-        assert tls.context.minimum_version is ssl.TLSVersion.TLSv1_2
-        async with secure_server(tls) as url:
+        assert ServerTLS(pair.cert, pair.key).context.minimum_version is ssl.TLSVersion.TLSv1_2
+        async with secure_server(pair) as url:
             old = pair.client()
             old.minimum_version = ssl.TLSVersion.MINIMUM_SUPPORTED
             old.maximum_version = ssl.TLSVersion.TLSv1_1
@@ -259,7 +249,7 @@ async def test_silent_connections_do_not_delay_handshakes(pair: Pair, tmp_path: 
 
 @virtual
 async def test_clients_without_tls_are_refused(pair: Pair) -> None:
-    async with secure_server(ServerTLS(pair.cert, pair.key)) as url:
+    async with secure_server(pair) as url:
         with pytest.raises(Exception, match=r"HTTP|handshake|message|reset"):
             await connect(url.replace("wss", "ws"))
         assert await serial_now(url, pair)
@@ -267,13 +257,12 @@ async def test_clients_without_tls_are_refused(pair: Pair) -> None:
 
 @virtual
 async def test_client_library_explains_tls_errors(pair: Pair) -> None:
-    async with secure_server(ServerTLS(pair.cert, pair.key)) as url:
+    async with secure_server(pair) as url:
         with pytest.raises(ConnectionFailedError, match=r"not trusted here .*SSL_CERT_FILE"):
             await Client(url, name="ada").__aenter__()
-    async with serve(echo, "127.0.0.1", 0) as plain:
-        port = next(iter(plain.sockets)).getsockname()[1]
+    async with serving(pair.cert.parent / "plain") as plain:
         with pytest.raises(ConnectionFailedError, match="does not use TLS"):
-            await Client(f"wss://127.0.0.1:{port}", name="ada").__aenter__()
+            await Client(plain.url.replace("ws", "wss"), name="ada").__aenter__()
 
 
 def test_missing_files_are_reported(pair: Pair, tmp_path: Path) -> None:

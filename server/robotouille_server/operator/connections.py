@@ -24,7 +24,7 @@ from websockets.datastructures import Headers
 from robotouille.web.bounded_requests import BoundedRequests
 from robotouille_server.auth import visitor
 from robotouille_server.operator.principal import RequestRefusedError
-from robotouille_server.transport import LoopBudget
+from robotouille_server.transport import LoopBudget, ServerTLS
 from robotouille_server.transport.tls_records import ClientHello, start_metered_tls
 
 REQUEST_SECONDS = 10.0
@@ -326,9 +326,7 @@ class ConnectionFactory:
     Handlers find the connection's slot in the request's state.
     """
 
-    def __init__(
-        self, slots: ConnectionSlots, tls: ssl.SSLContext | None, budget: LoopBudget
-    ) -> None:
+    def __init__(self, slots: ConnectionSlots, tls: ServerTLS | None, budget: LoopBudget) -> None:
         self._slots = slots
         self._tls = tls
         self._budget = budget
@@ -342,7 +340,8 @@ class ConnectionFactory:
             protocol.conn = BoundedRequests()
             return protocol
 
-        return OperatorConnection(self._slots, self._tls, self._budget, self._handshakes, http)
+        tls = self._tls.context if self._tls is not None else None
+        return OperatorConnection(self._slots, tls, self._budget, self._handshakes, http)
 
     async def close(self) -> None:
         """Close all connections."""

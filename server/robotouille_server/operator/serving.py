@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import logging
 import socket
-import ssl
 from collections.abc import AsyncIterator, Callable, Collection, Iterable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from robotouille_server.auth import RoleGrant
 from robotouille_server.operator.guard import Access, Guard, LoginAudit, is_loopback
 from robotouille_server.operator.load import RequestRates, Turns
 from robotouille_server.runtime.logs import get_logger
+from robotouille_server.transport import ServerTLS
 
 if TYPE_CHECKING:
     from robotouille_server.operator.event_streams import EventStreams
@@ -69,7 +69,7 @@ async def operator_view(
     authorize: Callable[[str], RoleGrant] | None = None,
     ask_token: bool = False,
     allowed_hosts: Collection[str] = (),
-    tls: ssl.SSLContext | None = None,
+    tls: ServerTLS | None = None,
 ) -> AsyncIterator[OperatorPort]:
     """Serve the operator page and API of a running server until the block ends.
 
@@ -138,7 +138,7 @@ async def _served(
     access: Access,
     listening: socket.socket,
     where: OperatorPort,
-    tls: ssl.SSLContext | None,
+    tls: ServerTLS | None,
 ) -> AsyncIterator[None]:
     from robotouille_server.operator.answering import answering
     from robotouille_server.operator.api import application

@@ -10,6 +10,7 @@ from typing import Protocol
 
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.transport.loop_budget import LoopBudget
+from robotouille_server.transport.tls import ServerTLS
 from robotouille_server.transport.tls_records import ClientHello, start_metered_tls
 
 SILENT_FACTOR = 8
@@ -183,7 +184,7 @@ class Admission:
 
     Attributes:
         limit: The maximum number of connections.
-        tls: The TLS context, if the server uses TLS.
+        tls: The certificate, if the server uses TLS.
         opening_seconds: The seconds that a client has for its first byte, again for its TLS
             handshake, and again for its request.
         newcomers: The connections that have not completed their handshake yet.
@@ -203,7 +204,7 @@ class Admission:
         loop = asyncio.get_running_loop()
         self.metrics = metrics
         self.limit = limit
-        self.tls: ssl.SSLContext | None = None
+        self.tls: ServerTLS | None = None
         self.opening_seconds = opening_seconds
         self.loop_budget = LoopBudget(loop)
         self.handshakes = Handshakes(loop, self.loop_budget)

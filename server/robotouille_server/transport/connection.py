@@ -605,7 +605,7 @@ class PendingConnection(BufferedReader):
             raw.abort()
             return
         self._transport = raw
-        self._tls = admission.tls
+        self._tls = admission.tls.context if admission.tls is not None else None
         admission.enter(self, raw.get_extra_info("peername"), heard=False)
         self._wait(raw)
 

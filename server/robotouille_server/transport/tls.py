@@ -82,11 +82,12 @@ class TLSFileError(RobotouilleError):
 class ServerTLS:
     """TLS 1.2 or newer with a certificate chain and key from two PEM files.
 
-    While `watch` runs, each handshake uses the latest valid certificate. A changed certificate is
-    used only if it is complete and matches its key. Open connections are not affected.
+    A changed certificate is used only if it is complete and matches its key. Open connections are
+    not affected.
 
     Attributes:
-        context: The context for the listening socket.
+        context: The context for new connections. While `watch` runs, it has the latest valid
+            certificate.
         name: The name for clients: the first name in the certificate that is not a wildcard, or
             else the first address; empty if there is neither.
     """
@@ -95,8 +96,7 @@ class ServerTLS:
         self.cert = cert
         self.key = key
         self._seen = self._fingerprint()
-        self.context = self._current = _load(cert, key)
-        self.context.sni_callback = self._use_current
+        self.context = _load(cert, key)
         self.name = _name(cert)
         self._warn_if_open()
 
@@ -119,7 +119,9 @@ class ServerTLS:
         # changes.
         self._seen = seen
         try:
-            self._current = _load(self.cert, self.key)
+            # Loading a chain into the same context would, for a moment or after an error, combine
+            # the new certificate with the old key. Contexts are replaced as a whole instead.
+            self.context = _load(self.cert, self.key)
         except TLSFileError as error:
             get_logger().error(
                 "certificate not reloaded; the previous one stays in use", error=str(error)
@@ -137,18 +139,17 @@ class ServerTLS:
             # A slow file system must not stop the games.
             await asyncio.to_thread(self.reload)
 
-    def _use_current(
-        self, connection: ssl.SSLSocket | ssl.SSLObject, name: str | None, context: ssl.SSLContext
-    ) -> None:
-        # Loading a chain into the same context would, for a moment or after an error, combine the
-        # new certificate with the old key. Contexts are replaced as a whole instead.
-        connection.context = self._current
-
     def _fingerprint(self) -> tuple[tuple[int, int, int] | None, ...]:
         return tuple(_stamp(path) for path in (self.cert, self.key))
 
     def _warn_if_open(self) -> None:
-        if sys.platform != "win32" and stat.S_IMODE(self.key.stat().st_mode) & 0o007:
+        if sys.platform == "win32":
+            return
+        try:
+            mode = stat.S_IMODE(self.key.stat().st_mode)
+        except OSError:  # Gone since it was loaded.
+            return
+        if mode & 0o007:
             get_logger().warning(
                 "other users can read the TLS key",
                 file=str(self.key),
