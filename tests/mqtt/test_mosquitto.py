@@ -277,6 +277,22 @@ async def test_documented_listener_keeps_the_servers_client_id(tmp_path: Path) -
             assert lab.states() == ["online"], "the server had to connect again"
 
 
+async def test_answers_that_the_broker_does_not_accept_are_refused(tmp_path: Path) -> None:
+    with mosquitto(tmp_path / "broker", options=["max_packet_size 2000"]) as broker:
+        async with on_mosquitto(tmp_path / "r", broker) as server, subscribed(broker) as lab:
+            await reached(lambda: server.metrics.mqtt_connected)
+            for _ in range(30):
+                server.lobby.create(Create())
+            token = role_token(server)
+            refused = await lab.ask(type="list", ref="all", token=token)
+            assert refused["error"]["code"] == "message/too-large"
+            assert (refused["ok"], refused["subject"]) == (False, "lab")
+            listed = await lab.ask(type="list", ref="last", token=token, skip=29)
+            assert (len(listed["episodes"]), listed["total"]) == (1, 30)
+            assert lab.states() == ["online"], "the connection was lost"
+            assert len(lab.on("life")) == 30
+
+
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 async def test_tls_verifies_the_brokers_certificate(tmp_path: Path) -> None:
     # paho does not close a socket after a failed handshake, so Python warns when it collects it.

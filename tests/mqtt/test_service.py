@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import json
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -169,3 +171,45 @@ async def test_stop_publishes_the_queue_that_a_command_waits_for(tmp_path: Path)
         assert not broker.on("answers")
     assert [answer["ref"] for answer in broker.on("answers")] == ["l"]
     assert broker.published[-1].content == {"state": "stopped"}
+
+
+@virtual
+async def test_messages_that_the_broker_does_not_accept_are_dropped_and_counted(
+    tmp_path: Path,
+) -> None:
+    async with serving_with_broker(tmp_path) as (server, broker):
+        broker.largest_packet = 600
+        large = server.lobby.create(Create(labels={f"l{n}": "x" * 40 for n in range(12)}))
+        small = server.lobby.create(Create())
+        await asyncio.sleep(1)
+        assert [each["episode"] for each in broker.on("life")] == [small.id]
+        assert server.metrics.mqtt_dropped_messages == 1
+        broker.break_off()
+        broker.largest_packet = inf
+        await asyncio.sleep(MAX_PAUSE)
+        large.abort("enough")
+        await asyncio.sleep(1)
+        assert [each["episode"] for each in broker.on("life")] == [small.id, large.id]
+
+
+@virtual
+async def test_steps_are_split_for_brokers_that_accept_small_packets(tmp_path: Path) -> None:
+    async with (
+        serving_with_broker(tmp_path) as (server, broker),
+        table(server, max_steps=5000) as play,
+    ):
+        watch(server, broker)
+        await asyncio.sleep(1)
+        broker.break_off(gone=True)
+        await play.until(lambda game: game.step >= 100)
+        broker.gone, broker.largest_packet = False, 600
+        before = len(broker.on("steps"))
+        await asyncio.sleep(MAX_PAUSE)
+        server.lobby.rooms[play.episode].abort("enough")
+        await asyncio.sleep(1)
+        messages = broker.on("steps")
+        assert max(len(json.dumps(each, separators=(",", ":"))) for each in messages[before:]) < 600
+        rows = [row["step"] for each in messages for row in each["steps"]]
+        assert rows == [*range(rows[0], rows[-1] + 1)]
+        assert rows[-1] >= 100
+        assert server.metrics.mqtt_dropped_steps == 0

@@ -14,8 +14,8 @@ from robotouille_client import connect
 from robotouille_server import Server
 from robotouille_server.auth import Role
 from robotouille_server.mqtt import stream
-from robotouille_server.mqtt.messages import EpisodeSteps, LifecycleEvent, Presence
-from robotouille_server.mqtt.stream import MAX_WATCHES, Outbox
+from robotouille_server.mqtt.messages import EpisodeSteps, LifecycleEvent
+from robotouille_server.mqtt.stream import MAX_WATCHES, Outbox, OutgoingMessage
 from robotouille_server.runtime.metrics import Metrics
 from tests.support.brokers import FakeBroker, Lab, role_token, serving_with_broker
 from tests.support.operator import table
@@ -28,7 +28,7 @@ def test_the_oldest_messages_are_dropped_and_counted(monkeypatch: pytest.MonkeyP
     metrics = Metrics()
     outbox = Outbox(metrics)
     for number in range(5):
-        outbox.add(str(number), Presence(state="online"))
+        outbox.add(OutgoingMessage(str(number), b"{}"))
     assert [message.topic for message in outbox.messages] == ["2", "3", "4"]
     assert metrics.mqtt_dropped_messages == 2
 

@@ -14,6 +14,7 @@ import time
 from collections.abc import AsyncIterator, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from itertools import count
+from math import inf
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple, cast
@@ -24,6 +25,7 @@ from paho.mqtt.subscribeoptions import SubscribeOptions
 from robotouille_server import Server
 from robotouille_server.auth import Role
 from robotouille_server.mqtt.broker import NameTakenError
+from robotouille_server.mqtt.client import BoundedClient
 from robotouille_server.mqtt.messages import CommandReply
 from robotouille_server.mqtt.service import on_broker
 from tests.support.servers import serving
@@ -59,19 +61,20 @@ class FakeBroker:
     def __init__(self) -> None:
         self.gone = self.stalled = self.taken_over = False
         self.attempts = 0
+        self.largest_packet = inf
         self.published: list[Publication] = []
         self.commands: asyncio.Queue[aiomqtt.Message] = asyncio.Queue()
         self.cut = asyncio.Event()
 
     @asynccontextmanager
-    async def connect(self, owns_name: bool) -> AsyncIterator[aiomqtt.Client]:
+    async def connect(self, owns_name: bool) -> AsyncIterator[BoundedClient]:
         """Yield a connection, or raise `MqttError` if the broker is gone."""
         self.attempts += 1
         if self.gone:
             raise aiomqtt.MqttError("connection refused")
         self.cut = asyncio.Event()
         try:
-            yield cast("aiomqtt.Client", FakeClient(self))
+            yield cast("BoundedClient", FakeClient(self))
         finally:
             if owns_name and self.taken_over:
                 raise NameTakenError
@@ -98,9 +101,10 @@ class FakeBroker:
 
 
 class FakeClient:
-    """`aiomqtt.Client` that is connected to a `FakeBroker`."""
+    """`BoundedClient` that is connected to a `FakeBroker`."""
 
     def __init__(self, broker: FakeBroker) -> None:
+        self.largest_packet = broker.largest_packet
         self._broker = broker
         self._subscribed = False
 

@@ -50,7 +50,7 @@ CLOSE_TURNS = 10
 LIBRARY_LOG = logging.getLogger("robotouille.mqtt")
 LIBRARY_LOG.setLevel(logging.CRITICAL)  # aiomqtt logs every attempt; the service logs one a minute.
 
-Connect = Callable[[bool], AbstractAsyncContextManager[aiomqtt.Client]]
+Connect = Callable[[bool], AbstractAsyncContextManager[BoundedClient]]
 """Function that opens a connection.
 
 Its argument is False if another server has taken over the name. The connection then has a client id
@@ -171,7 +171,7 @@ def broker_connection(
     """
 
     @asynccontextmanager
-    async def connect(owns_name: bool) -> AsyncIterator[aiomqtt.Client]:
+    async def connect(owns_name: bool) -> AsyncIterator[BoundedClient]:
         identifier = f"robotouille-{name}"
         client = BoundedClient(
             metrics=metrics,

@@ -12,14 +12,17 @@ import asyncio
 import socket
 import ssl
 from collections.abc import Callable
+from math import inf
 from typing import Any
 
 import aiomqtt
 from paho.mqtt.client import Client as Paho
-from paho.mqtt.client import MQTTMessage
+from paho.mqtt.client import ConnectFlags, MQTTMessage
 from paho.mqtt.enums import MQTTErrorCode
 from paho.mqtt.exception import MQTTException
 from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
 
 from robotouille_server.mqtt.messages import MAX_PACKET_BYTES
 from robotouille_server.mqtt.metered_socket import metered
@@ -65,6 +68,9 @@ class BoundedClient(aiomqtt.Client):
         budget: Charged for TLS records.
         authorized: Returns whether a payload contains a valid token.
         options: Arguments of `aiomqtt.Client`.
+
+    Attributes:
+        largest_packet: The size in bytes of the largest packet that the broker accepts.
     """
 
     def __init__(
@@ -76,6 +82,7 @@ class BoundedClient(aiomqtt.Client):
         **options: Any,
     ) -> None:
         super().__init__(max_queued_incoming_messages=MAX_WAITING_COMMANDS, **options)
+        self.largest_packet = inf
         self._metrics = metrics
         self._authorized = authorized
         now = self._loop.time()
@@ -91,6 +98,17 @@ class BoundedClient(aiomqtt.Client):
             self._budget, self._connect_plain = budget, paho._create_socket_connection
             paho._create_socket_connection = self._connect_metered  # type: ignore[method-assign]
         paho._packet_handle = self._handle_bounded  # type: ignore[method-assign]
+
+    def _on_connect(
+        self,
+        client: Paho,
+        userdata: Any,
+        flags: ConnectFlags,
+        reason_code: ReasonCode,
+        properties: Properties | None = None,
+    ) -> None:
+        self.largest_packet = getattr(properties, "MaximumPacketSize", inf)
+        super()._on_connect(client, userdata, flags, reason_code, properties)
 
     def _connect_metered(self) -> socket.socket:
         # paho calls this in the thread that connects.

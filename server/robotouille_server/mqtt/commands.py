@@ -238,6 +238,16 @@ class Commands:
         return f"{episode} has ended"
 
 
+def too_large(reply: CommandReply, size: int) -> CommandReply:
+    """Return the reply in place of one whose JSON of `size` bytes the broker does not accept."""
+    text = (
+        f"the server handled the command, but its answer of {size:,} bytes exceeds the broker's "
+        "maximum packet size"
+    )
+    error = Problem(code="message/too-large", message=text)
+    return CommandReply(ref=reply.ref, subject=reply.subject, ok=False, error=error)
+
+
 def _read(payload: bytes) -> dict[str, Any]:
     if len(payload) > MAX_CLIENT_BYTES:
         text = f"{len(payload):,} bytes; the limit is {MAX_CLIENT_BYTES:,}"

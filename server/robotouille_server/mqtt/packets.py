@@ -1,4 +1,4 @@
-"""PUBLISH packets of MQTT 5. Whoever may send commands chooses their properties."""
+"""PUBLISH packets of MQTT 5: their size, and properties that clients choose."""
 
 from __future__ import annotations
 
@@ -14,9 +14,19 @@ _FIXED_SIZES = {0x01: 1, 0x02: 4, 0x23: 2}
 _STRINGS = {0x03: 1, RESPONSE_TOPIC: 1, CORRELATION_DATA: 1, 0x26: 2}
 """Number of strings in each of these properties. 0x26 is a user property: a name and a value."""
 
+_PUBLISH_HEAD_BYTES = 1 + 4 + 2 + 2 + 2
+"""First byte, identifier, and the longest encodings of the lengths of packet, topic and properties.
+The properties have 259 bytes at most."""
+
 
 class PacketError(RobotouilleError):
     """Packet that is invalid, or has too many properties."""
+
+
+def publish_bytes(topic: str, payload: bytes, correlation: bytes | None = None) -> int:
+    """Return the size of a PUBLISH packet, or up to six bytes more."""
+    properties = 0 if correlation is None else len(correlation) + 3
+    return _PUBLISH_HEAD_BYTES + len(topic.encode()) + properties + len(payload)
 
 
 def packet_id(first: int, body: bytes | bytearray) -> int:

@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import random
 import socket
+from collections import deque
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from functools import partial
@@ -29,10 +30,19 @@ from robotouille_server.mqtt.broker import (
     broker_connection,
     server_name,
 )
-from robotouille_server.mqtt.commands import Commands
+from robotouille_server.mqtt.client import BoundedClient
+from robotouille_server.mqtt.commands import Commands, too_large
 from robotouille_server.mqtt.limits import has_host_token
 from robotouille_server.mqtt.messages import Presence, Topics
-from robotouille_server.mqtt.stream import Outbox, OutgoingMessage, RoomStream, Watches, encode
+from robotouille_server.mqtt.packets import publish_bytes
+from robotouille_server.mqtt.stream import (
+    Outbox,
+    OutgoingMessage,
+    RoomStream,
+    StepRecord,
+    Watches,
+    encode,
+)
 from robotouille_server.runtime.logs import get_logger
 
 SEND_SECONDS = 0.2
@@ -123,7 +133,7 @@ class BrokerService:
         self._stopping = asyncio.Event()
         self._owns_name = True
         self._steps_due = 0.0
-        self._logged = -LOG_SECONDS
+        self._logged = self._logged_too_large = -LOG_SECONDS
         server.lobby.observe(RoomStream(self._outbox, self._watches, topics, server.wall))
 
     def stop(self) -> None:
@@ -161,7 +171,7 @@ class BrokerService:
         executing.cancel()
         await asyncio.gather(executing, return_exceptions=True)
 
-    async def _use(self, client: aiomqtt.Client) -> None:
+    async def _use(self, client: BoundedClient) -> None:
         if self._owns_name:
             await self._subscribe(client)
             await self._publish_presence(client, self._presence)
@@ -185,7 +195,7 @@ class BrokerService:
                 if self._owns_name:
                     await self._publish_presence(client, Presence(state="stopped"))
 
-    async def _subscribe(self, client: aiomqtt.Client) -> None:
+    async def _subscribe(self, client: BoundedClient) -> None:
         topic = self._topics.commands
         for granted in await client.subscribe(topic, options=_subscribe_options()):
             if isinstance(granted, ReasonCode) and granted.is_failure:
@@ -196,8 +206,12 @@ class BrokerService:
                     reason=str(granted),
                 )
 
-    async def _publish_presence(self, client: aiomqtt.Client, presence: Presence) -> None:
-        await client.publish(self._topics.presence, encode(presence), qos=1, retain=True)
+    async def _publish_presence(self, client: BoundedClient, presence: Presence) -> None:
+        topic, payload = self._topics.presence, encode(presence)
+        if publish_bytes(topic, payload) > client.largest_packet:
+            self._log_too_large(client)
+        else:
+            await client.publish(topic, payload, qos=1, retain=True)
 
     def _log_lost(self, error: BaseException) -> None:
         # A broker may be gone for days, with an attempt to connect every 30 seconds.
@@ -208,7 +222,15 @@ class BrokerService:
             reason = f"{error}: {error.__cause__}" if error.__cause__ else str(error)
             get_logger().warning("no connection to the broker", reason=reason)
 
-    async def _receive(self, client: aiomqtt.Client) -> None:
+    def _log_too_large(self, client: BoundedClient) -> None:
+        if self._loop.time() - self._logged_too_large >= LOG_SECONDS:
+            self._logged_too_large = self._loop.time()
+            get_logger().warning(
+                "messages are larger than the broker accepts; raise its maximum packet size",
+                largest=client.largest_packet,
+            )
+
+    async def _receive(self, client: BoundedClient) -> None:
         async for message in client.messages:
             if not message.retain:  # A retained command would be executed at each connection.
                 await self._received.put(message)
@@ -234,9 +256,11 @@ class BrokerService:
         correlation = getattr(message.properties, "CorrelationData", None)
         if len(correlation or b"") > MAX_CORRELATION:
             correlation = None
-        self._outbox.add(topic, reply, correlation)
+        payload = encode(reply)
+        refusal = encode(too_large(reply, len(payload)))
+        self._outbox.add(OutgoingMessage(topic, payload, correlation, refusal))
 
-    async def _send(self, client: aiomqtt.Client) -> None:
+    async def _send(self, client: BoundedClient) -> None:
         while True:
             await self._send_messages(client)
             now = self._loop.time()
@@ -247,7 +271,7 @@ class BrokerService:
                 self._outbox.forget_all_but(self._watches.episodes)
             await asyncio.sleep(SEND_SECONDS)
 
-    async def _send_messages(self, client: aiomqtt.Client) -> None:
+    async def _send_messages(self, client: BoundedClient) -> None:
         # Messages stay in `_in_flight` until the broker has them. The next connection sends them
         # again, so the broker may receive one twice, but loses none.
         queued = self._outbox.messages
@@ -258,27 +282,59 @@ class BrokerService:
                 for message in self._in_flight:
                     tasks.create_task(self._send_message(client, message))
 
-    async def _send_message(self, client: aiomqtt.Client, message: OutgoingMessage) -> None:
-        properties = None
-        if message.correlation is not None:
-            properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
-            properties.CorrelationData = message.correlation
-        await client.publish(message.topic, message.payload, qos=1, properties=properties)
+    async def _send_message(self, client: BoundedClient, message: OutgoingMessage) -> None:
+        # The broker would close the connection, and the next connection would send it again.
+        accepted = message.within(client.largest_packet)
+        if accepted is None:
+            self._metrics.mqtt_dropped_messages += 1
+        else:
+            await _publish(client, accepted)
+            self._metrics.mqtt_published += 1
         self._in_flight.remove(message)
-        self._metrics.mqtt_published += 1
+        if accepted is None or accepted.payload != message.payload:
+            self._log_too_large(client)
 
-    async def _send_steps(self, client: aiomqtt.Client) -> None:
+    async def _send_steps(self, client: BoundedClient) -> None:
         waiting = self._outbox.take_steps()
         try:
-            while waiting:
-                topic = self._topics.steps(waiting[0][0].episode)
-                await client.publish(topic, self._outbox.steps_payload(waiting[0]), qos=0)
+            while accepted := self._next_steps(waiting, client):
+                await client.publish(*accepted, qos=0)
                 waiting.popleft()
                 self._metrics.mqtt_published += 1
                 await asyncio.sleep(0)
         finally:
             for steps in waiting:
                 self._outbox.drop(steps)
+
+    def _next_steps(
+        self, waiting: deque[list[StepRecord]], client: BoundedClient
+    ) -> tuple[str, bytes] | None:
+        """Return the topic and payload of the first steps, after splitting or dropping large ones.
+
+        Return None if no steps are left.
+        """
+        while waiting:
+            steps = waiting[0]
+            topic, payload = self._topics.steps(steps[0].episode), self._outbox.steps_payload(steps)
+            if publish_bytes(topic, payload) <= client.largest_packet:
+                self._outbox.dropped_reported(steps[0].episode)
+                return topic, payload
+            waiting.popleft()
+            middle = len(steps) // 2
+            if middle:
+                waiting.extendleft((steps[middle:], steps[:middle]))
+            else:
+                self._outbox.drop(steps)
+                self._log_too_large(client)
+        return None
+
+
+async def _publish(client: BoundedClient, message: OutgoingMessage) -> None:
+    properties = None
+    if message.correlation is not None:
+        properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
+        properties.CorrelationData = message.correlation
+    await client.publish(message.topic, message.payload, qos=1, properties=properties)
 
 
 def _subscribe_options() -> SubscribeOptions:

@@ -14,6 +14,7 @@ from pydantic import BaseModel
 from robotouille.episode import EpisodeEnded, Event, Paused, Restarted, Resumed, Started, Stepped
 from robotouille.errors import ProtocolError
 from robotouille_server.mqtt.messages import LifecycleEvent, Topics
+from robotouille_server.mqtt.packets import publish_bytes
 from robotouille_server.rooms.room import Room
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
@@ -118,11 +119,24 @@ class Watches:
 
 
 class OutgoingMessage(NamedTuple):
-    """Message to publish at least once."""
+    """Message to publish at least once.
+
+    Attributes:
+        refusal: The payload to publish if the packet is larger than the broker accepts. The message
+            is dropped if it is empty.
+    """
 
     topic: str
     payload: bytes
     correlation: bytes | None = None
+    refusal: bytes = b""
+
+    def within(self, largest: float) -> OutgoingMessage | None:
+        """Return the message, or what replaces it if its packet is larger than a limit."""
+        for payload in filter(None, (self.payload, self.refusal)):
+            if publish_bytes(self.topic, payload, self.correlation) <= largest:
+                return self._replace(payload=payload)
+        return None
 
 
 class StepRecord(NamedTuple):
@@ -144,12 +158,12 @@ class Outbox:
         self._dropped: Counter[str] = Counter()
         self._metrics = metrics
 
-    def add(self, topic: str, content: BaseModel, correlation: bytes | None = None) -> None:
+    def add(self, message: OutgoingMessage) -> None:
         """Queue a message."""
         if len(self.messages) >= MAX_MESSAGES:
             self.messages.popleft()
             self._metrics.mqtt_dropped_messages += 1
-        self.messages.append(OutgoingMessage(topic, encode(content), correlation))
+        self.messages.append(message)
 
     def add_step(self, step: StepRecord) -> None:
         """Queue a step."""
@@ -167,13 +181,20 @@ class Outbox:
         return deque(s[at : at + size] for s in taken.values() for at in range(0, len(s), size))
 
     def steps_payload(self, steps: list[StepRecord]) -> bytes:
-        """Return the JSON of an `EpisodeSteps`, with the number of steps dropped before."""
+        """Return the JSON of an `EpisodeSteps`, with the number of steps dropped before.
+
+        Call `dropped_reported` when it is published.
+        """
         # Ten times as fast as pydantic.
         episode = steps[0].episode
         content: dict[str, Any] = {"episode": episode, "steps": [step.row for step in steps]}
-        if dropped := self._dropped.pop(episode, 0):
+        if dropped := self._dropped[episode]:
             content["dropped"] = dropped
         return json.dumps(content, separators=(",", ":")).encode()
+
+    def dropped_reported(self, episode: str) -> None:
+        """Forget the dropped steps of an episode."""
+        self._dropped.pop(episode, None)
 
     def drop(self, steps: list[StepRecord]) -> None:
         """Count steps that will not be published."""
@@ -266,7 +287,7 @@ class RoomStream:
             labels=dict(room.labels),
             **what,
         )
-        self._outbox.add(self._topics.life(room.id), change)
+        self._outbox.add(OutgoingMessage(self._topics.life(room.id), encode(change)))
 
 
 def _log_failure(room: Room) -> None:
