@@ -11,6 +11,7 @@ from robotouille.episode.lifecycle import Controller
 from robotouille.errors import RobotouilleError
 from robotouille.protocol import messages
 from robotouille.world.unmet import Unmet, UnmetKind, only_words
+from robotouille_client.sansio import event_queue
 from robotouille_client.sansio.game_events import (
     ActRejected,
     ActResult,
@@ -338,15 +339,56 @@ def test_invalid_step_number_is_rejected(server: ScriptedServer, step: int) -> N
 
 def test_unread_events_are_bounded(game: GameReplica) -> None:
     for number in range(20):
-        game.receive(messages.Notice(text=f"large {number}"), 0.0, size=8 * 2**20)
+        game.receive(messages.Notice(text=f"large {number}"), 0.0, size=2 * 2**20)
     assert 1 <= len(game.poll()) <= 4
     for number in range(20_000):
         game.receive(messages.Notice(text=f"small {number}"), 0.0, size=50)
     kept = game.poll()
-    assert len(kept) == 10_000
+    assert 10_000 <= len(kept) < 20_000
     assert kept[-1] == Announced("small 19999")
     game.receive(messages.Notice(text="huge"), 0.0, size=2**40)
     assert game.poll() == [Announced("huge")]
+
+
+@pytest.fixture
+def small_queue(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bound queues to a sixteenth of their usual size."""
+    monkeypatch.setattr(event_queue, "MAX_EVENT_BYTES", event_queue.MAX_EVENT_BYTES // 16)
+
+
+@pytest.mark.usefixtures("small_queue")
+def test_unread_steps_of_a_usual_game_are_kept(server: ScriptedServer, game: GameReplica) -> None:
+    for _ in range(10_000 // 16):
+        game.receive(server.delta(), 0.0, size=100)
+    assert len(game.poll()) == 10_000 // 16
+
+
+@pytest.mark.usefixtures("small_queue")
+def test_unread_states_count_by_their_size() -> None:
+    """Each state has all timers of the one before, and a delta that changes one takes 60 bytes."""
+    server = ScriptedServer("asynchronous/05")
+    game = GameReplica(server.joined())
+    game.receive(server.snapshot(), 0.0)
+    things = game.world.placed
+    items = [thing.name for thing in things if thing.type == "item"]
+    stations = [thing.name for thing in things if thing.type == "station"]
+    labels = [f"{verb}.0({i},{s})" for verb in ("cook", "fry") for i in items for s in stations]
+    game.receive(messages.Delta(step=1, timers={label: [0, 1] for label in labels}), 0.0)
+    game.poll()
+    for step in range(2, 300):
+        counters = [0, 1 + step % 2]
+        game.receive(messages.Delta(step=step, timers={labels[0]: counters}), 0.0, size=60)
+    states = [event.state for event in game.poll() if isinstance(event, StateChanged)]
+    assert states
+    assert sum(len(state.timers.entries) for state in states) <= 6_000
+
+
+@pytest.mark.usefixtures("small_queue")
+def test_unread_rosters_count_by_their_seats(server: ScriptedServer, game: GameReplica) -> None:
+    seats = server.snapshot().seats
+    for _ in range(1_000):
+        game.receive(messages.Roster(phase="running", seats=seats), 0.0, size=60)
+    assert len(game.poll()) * len(seats) <= 1_000
 
 
 def test_more_seats_than_players_are_rejected(server: ScriptedServer, game: GameReplica) -> None:

@@ -1,18 +1,24 @@
-"""Queue of events that a program has not read yet, bounded in number and in bytes."""
+"""Queue of events that a program has not read yet, bounded in bytes."""
 
 from __future__ import annotations
 
 from collections import deque
 
-from robotouille_client.sansio.game_events import GameEvent
+from robotouille_client.sansio.game_events import GameEvent, RosterChanged, StateChanged
+from robotouille_client.sansio.state_bytes import state_bytes
 
-MAX_EVENTS = 10_000
-MAX_EVENT_BYTES = 32 * 2**20
-"""Maximum size of the messages from which the waiting events were made."""
+MAX_EVENT_BYTES = 8 * 2**20
+"""Maximum size of the waiting events in memory: about 10,000 steps of a usual game.
+
+`robotouille-mcp` plays 64 games at the same time, whose clients may read nothing for minutes.
+"""
+EVENT_BYTES = 400
+"""Size of an event without a state, in addition to its message."""
+SEAT_BYTES = 800
 
 
 class EventQueue:
-    """Events in order. The oldest ones are dropped when there are too many.
+    """Events in order. The oldest ones are dropped when they take too much memory.
 
     A program may never read its events, and a faulty server may send large texts for ever.
     """
@@ -24,13 +30,12 @@ class EventQueue:
     def __len__(self) -> int:
         return len(self._events)
 
-    def append(self, event: GameEvent, size: int) -> None:
+    def append(self, event: GameEvent, message_size: int) -> None:
         """Add an event from a message of a size in bytes."""
+        size = message_size + _size(event)
         self._events.append((event, size))
         self._bytes += size
-        while len(self._events) > MAX_EVENTS or (
-            self._bytes > MAX_EVENT_BYTES and len(self._events) > 1
-        ):
+        while self._bytes > MAX_EVENT_BYTES and len(self._events) > 1:
             self.popleft()
 
     def popleft(self) -> GameEvent:
@@ -45,3 +50,11 @@ class EventQueue:
         self._events.clear()
         self._bytes = 0
         return events
+
+
+def _size(event: GameEvent) -> int:
+    if isinstance(event, StateChanged):
+        return state_bytes(event.state)
+    if isinstance(event, RosterChanged):
+        return EVENT_BYTES + SEAT_BYTES * len(event.seats)
+    return EVENT_BYTES

@@ -299,7 +299,8 @@ class StateReader:
             ProtocolError: `state/mismatch`.
         """
         try:
-            self._extend(changes.get("objects", ()), changes.get("atoms", ()))
+            if "objects" in changes or "atoms" in changes:  # Rare, and slow in large kitchens.
+                self._extend(changes.get("objects", ()), changes.get("atoms", ()))
             self._facts |= self._mask(changes.get("add", ()))
             # The order does not matter: a delta never adds and removes the same fact.
             self._facts &= ~self._mask(changes.get("remove", ()))

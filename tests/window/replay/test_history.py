@@ -5,25 +5,29 @@ from __future__ import annotations
 from collections import Counter
 from functools import partial
 from pathlib import Path
+from weakref import WeakSet
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.support.games import record, recorded_game
+from tests.support.games import play_through, record, recorded_game
 from tests.support.thorough import thorough
 from tests.support.window_play import headless_window
 
-from robotouille import World
+from robotouille import World, load_task
+from robotouille.certification.certificate import load_certificate
 from robotouille.domain.rendering import Language
 from robotouille.episode import TEAM_TOPIC, Clock, Episode, Event, Rules
 from robotouille.episode.tallies import Activity
+from robotouille.planning import read_plan
 from robotouille.planning.policies.team_talk import announcement
 from robotouille.replay.controllers import seatings
 from robotouille.replay.recording import Recording
 from robotouille.replay.timeline import Interlude
 from robotouille.world.presentation.signals import Intent, Signal
+from robotouille.world.timers import Timers
 from robotouille_client.window.replay.histories import history as history_module
-from robotouille_client.window.replay.histories import recorded_history
+from robotouille_client.window.replay.histories import recorded_history, recorded_states
 from robotouille_client.window.replay.histories.history import (
     MAX_NOTICE,
     EntryKind,
@@ -74,6 +78,27 @@ def test_states_with_created_objects() -> None:
     history = RecordedHistory(recording)
     for step, state in reversed(list(recording.states())):
         assert history.state(step) == state
+
+
+def test_only_few_large_states_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hostile recording makes large states of small frames, and 512 of them were kept."""
+    monkeypatch.setattr(recorded_states, "MAX_KEPT_BYTES", 1_500)
+    task = "asynchronous/10"
+    text = "\n".join(load_certificate(load_task(task)).plan or ())
+    actions = (action for (action,) in read_plan(text, World(task)))
+    rules = Rules(max_steps=100)
+    history = RecordedHistory(
+        Recording(record(*play_through(task, rules, lambda *_: next(actions))))
+    )
+    steps = range(history.length + 1)
+    digests, timers, seen = dict[int, str](), WeakSet[Timers](), set[str]()
+    for step in [*steps, *reversed(steps)]:
+        state = history.state(step)
+        assert state.digest == digests.setdefault(step, state.digest)
+        seen.add(str(state.timers.rows()))
+        timers.add(state.timers)
+        assert len(timers) <= 6
+    assert len(seen) > 15
 
 
 def test_seats_by_step(history: RecordedHistory, recording: Recording) -> None:

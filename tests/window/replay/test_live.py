@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +89,26 @@ def test_a_long_game_drops_its_beginning(
         assert history.entries(step)
     assert history.state(0) == history.state(history.first)
     assert not history.entries(3)
+
+
+def test_large_states_are_dropped_sooner(
+    history: LiveHistory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A hostile server makes large states with small messages, and the window kept 20,000."""
+    monkeypatch.setattr(live, "MAX_STATE_BYTES", 10_000)
+    world = history.world
+    pairs = product(*([t.name for t in world.placed if t.type == k] for k in ("item", "station")))
+    rows = [("cook", 0, pair, (0, 1)) for pair in pairs]
+    states = take(history, 40)
+    for step in range(41, 60):
+        states.append(
+            world.restore(world.initial.facts, [*rows, ("fry", *rows[0][1:3], (0, step))])
+        )
+        history.observe(StateChanged(step, states[-1], states[-2]))
+    kept = {id(history.state(step)) for step in range(60)}
+    assert len(rows) * len(kept) < 100
+    assert history.state(59) == states[59]
+    assert history.first + len(kept) == 60
 
 
 def test_declared_waiting_is_not_idling(history: LiveHistory) -> None:

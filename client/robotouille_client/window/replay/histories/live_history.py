@@ -21,6 +21,7 @@ from robotouille_client.sansio.game_events import (
     RosterChanged,
     StateChanged,
 )
+from robotouille_client.sansio.state_bytes import state_bytes
 from robotouille_client.window.replay.histories.history import (
     Entry,
     EntryKind,
@@ -33,6 +34,8 @@ from robotouille_client.window.view import SeatView
 # Maximum number of states kept. In longer games, the oldest are dropped.
 MAX_STATES = 20_000
 _FORGOTTEN_AT_ONCE = 1000
+# Maximum memory of the states kept. Beyond it, the older half is dropped.
+MAX_STATE_BYTES = 64 * 2**20
 # Maximum number of characters in the log. Beyond it, the older half of the texts is dropped.
 MAX_CHARACTERS = 16 * 2**20
 # Characters for which an event without words counts.
@@ -73,6 +76,7 @@ class LiveHistory(History):
             self._add_step(0, {})
         # Steps before this client joined are counted, but their states are unknown.
         self._states = [game.state]
+        self._state_bytes = state_bytes(game.state)
         self._seats = [()]
 
     @property
@@ -161,12 +165,10 @@ class LiveHistory(History):
         # After a resync, the server reports only the newest state.
         while self.length < event.step - 1:
             self._add_step(self._time(), {})
-            self._states.append(before)
-            self._seats.append(seats)
+            self._keep(before, seats)
         did = self._did(event) if event.previous is not None else {}
         self._add_step(self._time(), did)
-        self._states.append(event.state)
-        self._seats.append(seats)
+        self._keep(event.state, seats)
         for player, action, applied in event.did:
             kind = EntryKind.ACTION if applied else EntryKind.REJECTED
             does = self._wording.action(action, before, self._names())
@@ -174,12 +176,22 @@ class LiveHistory(History):
         self._turn = event.turn
         self._forget()
 
+    def _keep(self, state: State, seats: tuple[SeatView, ...]) -> None:
+        self._states.append(state)
+        self._seats.append(seats)
+        self._state_bytes += state_bytes(state)
+
     def _forget(self) -> None:
-        """Drop the oldest states if there are too many."""
-        if len(self._states) < MAX_STATES + _FORGOTTEN_AT_ONCE:
-            return
-        del self._states[:_FORGOTTEN_AT_ONCE], self._seats[:_FORGOTTEN_AT_ONCE]
-        self.first += _FORGOTTEN_AT_ONCE
+        """Drop the oldest states if there are too many, or if they take too much memory."""
+        if len(self._states) >= MAX_STATES + _FORGOTTEN_AT_ONCE:
+            self._forget_states(_FORGOTTEN_AT_ONCE)
+        while self._state_bytes > MAX_STATE_BYTES and len(self._states) > 1:
+            self._forget_states(len(self._states) // 2)
+
+    def _forget_states(self, count: int) -> None:
+        self._state_bytes -= sum(map(state_bytes, self._states[:count]))
+        del self._states[:count], self._seats[:count]
+        self.first += count
         self._entries = defaultdict(
             list, {step: entries for step, entries in self._entries.items() if step >= self.first}
         )

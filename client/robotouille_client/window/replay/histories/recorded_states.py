@@ -16,6 +16,7 @@ from robotouille.errors import RecordingError
 from robotouille.protocol.states import StateReader
 from robotouille.replay.container import frame_value
 from robotouille.world.world import State, World
+from robotouille_client.sansio.state_bytes import state_bytes
 from robotouille_client.window.replay.histories.history import History
 
 ENDING = ".states"
@@ -59,6 +60,7 @@ def write_states(history: History, path: Path) -> None:
 
 # States cached: those around the playhead are needed again and again.
 MAX_KEPT = 512
+MAX_KEPT_BYTES = 64 * 2**20
 
 
 class RecordedStates:
@@ -81,6 +83,7 @@ class RecordedStates:
         self._key_steps = array("q")
         self._keys: list[tuple[int, int, int]] = []
         self._kept: dict[int, State] = {}
+        self._kept_bytes = 0
         self._reader: StateReader | None = None
         self._reader_step = -1
 
@@ -136,8 +139,14 @@ class RecordedStates:
         return StateReader(self._world, tables, frame_value(self._stream, position))
 
     def _keep(self, step: int, state: State) -> None:
-        if len(self._kept) >= MAX_KEPT:
+        if step in self._kept:
+            return
+        size = state_bytes(state)
+        while self._kept and (
+            len(self._kept) >= MAX_KEPT or self._kept_bytes + size > MAX_KEPT_BYTES
+        ):
             # Dictionaries keep the order of insertion: the first half is the oldest.
-            for old in list(self._kept)[: MAX_KEPT // 2]:
-                del self._kept[old]
+            for old in list(self._kept)[: (len(self._kept) + 1) // 2]:
+                self._kept_bytes -= state_bytes(self._kept.pop(old))
         self._kept[step] = state
+        self._kept_bytes += size
