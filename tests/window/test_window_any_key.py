@@ -179,7 +179,7 @@ def key_press(name: str, random: Random) -> list[pygame.Event]:
     return events
 
 
-@pytest.mark.parametrize("state", quick_sample(STATES, 4))
+@pytest.mark.parametrize("state", quick_sample(STATES, 2))
 def test_random_input_in_every_state_of_a_game(state: str, tmp_path: Path) -> None:
     anybody = RandomUser(list(STATES).index(state), tmp_path)
     for _ in range(3):

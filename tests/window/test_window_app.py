@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import pygame
 import pytest
 from tests.support.own_renderings import own_renderings
+from tests.support.samples import quick_sample
 from tests.support.servers import serving
 from tests.support.virtual_time import virtual
 from tests.support.window_play import Script, post
@@ -49,6 +50,7 @@ SMALL = GameSetup("synchronous/01", clock=Clock.TURN, max_steps=100)
 SHORT = GameSetup("synchronous/01", clock=Clock.TURN, max_steps=3)
 
 
+@pytest.mark.slow
 async def test_game_replay_again_and_quit(session: WindowSession) -> None:
     def script() -> Iterator[None]:
         yield from keys_of(SMALL)
@@ -94,6 +96,7 @@ async def test_game_replay_again_and_quit(session: WindowSession) -> None:
     assert recording.outcome["reason"] == "goal"
 
 
+@pytest.mark.slow
 async def test_the_end_card_keeps_its_focus_after_the_replay(session: WindowSession) -> None:
     session.app.settings.prefer(reduced_motion=True)  # Nothing else changes in the pictures.
 
@@ -135,7 +138,9 @@ def lose() -> Iterator[None]:
 
 @pytest.mark.parametrize(
     ("best", "won_before"),
-    [({}, False), ({"shifts/01_sandwich_bar@1": 33}, False), ({"training/01@1": 50}, True)],
+    quick_sample(
+        [({}, False), ({"shifts/01_sandwich_bar@1": 33}, False), ({"training/01@1": 50}, True)]
+    ),
 )
 async def test_an_easy_pace_is_offered_after_a_lost_first_game(
     session: WindowSession, best: dict[str, int], won_before: bool
@@ -291,6 +296,7 @@ async def test_settings_are_applied_and_saved(session: WindowSession) -> None:
     assert (kept.preferences.name, kept.preferences.keys) == ("Ada e", {"use": ["f"]})
 
 
+@pytest.mark.slow
 async def test_the_tutorial_ends_with_the_whole_task(session: WindowSession) -> None:
     def script() -> Iterator[None]:
         yield

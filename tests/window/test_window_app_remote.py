@@ -54,6 +54,7 @@ def lose(session: WindowSession) -> Iterator[None]:
     yield from wait(60)
 
 
+@pytest.mark.slow
 def test_rematch_replay_video_and_quit(session: WindowSession) -> None:
     pytest.importorskip("av")
 
@@ -147,6 +148,7 @@ async def play_to_the_end(bob: Client, server: Server) -> Game:
     return game
 
 
+@pytest.mark.slow
 def test_spectators_can_watch_the_next_game(session: WindowSession) -> None:
     def script(server: Server) -> Iterator[None]:
         asked = asyncio.Event()
@@ -200,6 +202,7 @@ def test_a_team_meets_in_the_same_next_kitchen(session: WindowSession) -> None:
     play(session, script, task="multi_agent/01", seats=2)
 
 
+@pytest.mark.slow
 def test_a_shift_on_a_server_has_its_cards(session: WindowSession) -> None:
     folder = session.folder / "tasks"
     folder.mkdir()

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 import pygame
 import pytest
-from tests.support.samples import quick_sample_of_pairs
+from tests.support.samples import quick_sample, quick_sample_of_pairs
 from tests.support.window_play import post
 from tests.support.window_session import WindowSession, wait
 
@@ -189,7 +189,7 @@ def no_server(session: WindowSession) -> None:
     session.app.settings.code = "ABC"
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", quick_sample(WAYS))
 async def test_each_screen_of_the_menu_can_be_left(session: WindowSession, way: str) -> None:
     def script() -> Steps:
         yield

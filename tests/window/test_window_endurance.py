@@ -59,6 +59,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Iterator[Counter[str]]:
             sys.setprofile(None)
 
 
+@pytest.mark.slow
 def test_an_idle_game_creates_only_a_few_texts_per_step(monkeypatch: pytest.MonkeyPatch) -> None:
     timer = Timer()
     source = resting_game("multi_agent/10@4", now=timer)
@@ -153,6 +154,7 @@ def loaded(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int]]:
     return read
 
 
+@pytest.mark.slow
 def test_a_preloaded_game_reads_hardly_any_file(loaded) -> None:
     painter, surface = Painter(), pygame.Surface(SIZE)
     shown = list(bench.views(bench.course(30), 2))

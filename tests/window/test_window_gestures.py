@@ -56,6 +56,7 @@ def looks(painter: Painter, views: list[View]) -> int:
     return len(set(pictures))
 
 
+@pytest.mark.slow
 def test_players_cheer_for_two_seconds_when_the_game_is_won(course) -> None:
     last = len(course) - 1
     ends = [at(course, last, won=True, seconds=9.0 + s, since_end=s) for s in (0.05, 0.15, 0.3)]
@@ -73,6 +74,7 @@ def test_drops_at_the_end_of_a_lost_game_fall_and_then_vanish(course) -> None:
     assert picture(Painter(), late) == picture(Painter(), replace(late, lost=False))
 
 
+@pytest.mark.slow
 def test_idle_players_breathe_and_blink_but_not_in_a_pause(course) -> None:
     shown = at(course, 1, previous=None)
     moments = [replace(shown, seconds=n / 12) for n in range(44)]

@@ -190,6 +190,7 @@ async def test_closing_the_window_keeps_the_seat(session: WindowSession) -> None
             assert list(session.folder.rglob("*.seat"))
 
 
+@pytest.mark.slow
 def test_a_stopped_process_returns_from_the_list_of_kitchens(
     session: WindowSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

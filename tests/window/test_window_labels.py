@@ -57,7 +57,7 @@ def crowded(steps: int) -> View:
     return View(world, state, previous, steps, 80, "", 0.5, seats, "robot1", bubbles)
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", quick_sample((size,) for size in SIZES))
 @pytest.mark.parametrize("steps", quick_sample([23, 0, 9]))
 def test_labels_do_not_overlap(size: tuple[int, int], steps: int, monkeypatch) -> None:
     drawn: list[tuple[LabelSurroundings, list[pygame.Rect]]] = []
@@ -148,7 +148,7 @@ def test_seat_names_have_enough_contrast(seat: int) -> None:
 CHOICES = UiOverlay(choices=tuple(f"Go to table {i}" for i in range(8)), more="9 more")
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", quick_sample((size,) for size in SIZES))
 def test_the_list_is_opaque(size: tuple[int, int]) -> None:
     view = crowded(9)
     chats = [(("Ada", word * 30),) * 9 for word in ("quick ", "brown ")]
@@ -218,7 +218,9 @@ def tip_of(painter: Painter, view: View, size: tuple[int, int]) -> pygame.Rect:
 
 
 @pytest.mark.parametrize("size", [(640, 360), (1280, 720)])
-@pytest.mark.parametrize("name", ["multi_agent/01@2", "asynchronous/06", "multi_agent/07@2"])
+@pytest.mark.parametrize(
+    "name", quick_sample(["multi_agent/01@2", "asynchronous/06", "multi_agent/07@2"])
+)
 def test_station_tips_are_near_and_cover_nothing_in_use(name: str, size: tuple[int, int]) -> None:
     before, state, step = middle(load_task(name))
     view = View(state.world, state, before, step)

@@ -39,7 +39,7 @@ def crowded(world: World) -> View:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", quick_sample(((size,) for size in SIZES), 2))
 @pytest.mark.parametrize(
     "task", quick_sample(["multi_agent/10@4", "asynchronous/10", "workshop/02"])
 )
@@ -107,6 +107,7 @@ labels = st.builds(
 many = st.lists(labels, max_size=8, unique_by=lambda label: label.key)
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(many, st.lists(rects, max_size=8), st.lists(rects, max_size=4))
 def test_labels_do_not_overlap_or_leave_the_area(labels, blocked, avoided) -> None:

@@ -138,10 +138,9 @@ async def test_the_others_see_who_is_ready(at: Table) -> None:
     assert ("·", "ada is ready") in other.view().chat
 
 
-LARGE = pytest.param((3840, 2160), marks=pytest.mark.slow)
-
-
-@pytest.mark.parametrize("size", [(320, 240), (640, 480), (1280, 720), LARGE])
+@pytest.mark.parametrize(
+    "size", quick_sample((size,) for size in [(320, 240), (640, 480), (1280, 720), (3840, 2160)])
+)
 @pytest.mark.parametrize("ready", [False, True, None])
 def test_the_card_fits_beside_the_panel(size: tuple[int, int], ready: bool | None) -> None:
     world = world_of("multi_agent/10@4")

@@ -201,6 +201,7 @@ def test_a_request_for_a_place_that_is_free_again_is_not_made() -> None:
     assert (other, here, me) in view.blocked
 
 
+@pytest.mark.slow
 def test_a_bot_waits_for_the_help_it_asked_for() -> None:
     timer, world = Timer(), World("multi_agent/01")
     me, other = "robot2", "robot1"
@@ -402,6 +403,7 @@ def test_real_time_continues_while_bots_think() -> None:
     assert view.thinking == ()
 
 
+@pytest.mark.slow
 def test_turns_wait_for_bots_and_show_it() -> None:
     timer = Timer()
     game, bots = slow_game(GameSetup("multi_agent/01", seats=2, clock=Clock.LOCKSTEP), timer)

@@ -50,7 +50,7 @@ def full_view(world: World, steps: int, seed: int = 1) -> View:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("name", quick_sample(task_names(), 8))
+@pytest.mark.parametrize("name", quick_sample(task_names(), 3))
 def test_every_task(name: str) -> None:
     view = full_view(world_of(name), 12)
     assert colours(picture(view)) > 250
@@ -104,12 +104,14 @@ def test_the_length_of_a_lost_connection_is_shown() -> None:
 
 @pytest.mark.parametrize(
     "change",
-    [
-        {"connected": False},
-        {"connected": False, "substitute": "planner"},
-        {"connected": False, "name": ""},
-        {"connected": False, "name": "", "substitute": "planner"},
-    ],
+    quick_sample(
+        [
+            {"connected": False, "name": "", "substitute": "planner"},
+            {"connected": False, "substitute": "planner"},
+            {"connected": False, "name": ""},
+            {"connected": False},
+        ]
+    ),
 )
 def test_who_moves_a_player_shows_at_seat_and_player(change) -> None:
     view = full_view(world_of("multi_agent/09"), 5)

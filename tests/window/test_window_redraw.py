@@ -115,6 +115,7 @@ def test_every_event_redraws_the_window(window: Window, view: View) -> None:
     assert frames(window, source, 3) == 1
 
 
+@pytest.mark.slow
 def test_a_countdown_is_drawn_when_its_dial_moves(window: Window, view: View) -> None:
     source = moment(view)
     drawn = 0

@@ -171,6 +171,7 @@ def test_pictures_and_lengths_load_while_idle(
     assert "Your best: 40 steps." in row.about()
 
 
+@pytest.mark.slow
 def test_the_focused_task_loads_first(display: Display) -> None:
     form = TaskPicker(Settings(), "asynchronous/07_onion_soup").form
     row = form.focused
@@ -205,6 +206,7 @@ async def test_one_player_has_no_choice_of_bots() -> None:
     assert {"Bots", "Players"} <= set(seen[2])
 
 
+@pytest.mark.slow
 def test_the_picture_marks_the_own_player(display: Display) -> None:
     menu = PlayMenu(Settings(task=BURGER, seats=2))
     assert menu.form.picture((300, 200)) is None

@@ -250,6 +250,7 @@ def test_layers_on_unfinished_ones_wait() -> None:
     assert not found["cut lettuce"].settled
 
 
+@pytest.mark.slow
 def test_equal_dishes_keep_their_ticks() -> None:
     """Each dish keeps its place, even if the other one gets ahead."""
     state, *course = planned("synchronous/09", 1)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pygame
 import pytest
+from tests.support.samples import quick_sample
 from tests.support.window_play import Timer, headless_window, way
 
 from robotouille.episode import Clock
@@ -78,6 +79,7 @@ class Couple:
         return [n for n, p in scene(self.source.view().state).items() if p.host == player]
 
 
+@pytest.mark.slow
 def test_letters_move_one_person_and_arrows_the_other(tmp_path: Path) -> None:
     couple = Couple(tmp_path)
     assert {seat.name for seat in couple.source.view().seats} == {"ada", COMPANION}
@@ -101,7 +103,7 @@ def test_letters_move_one_person_and_arrows_the_other(tmp_path: Path) -> None:
     assert set(recording.participants.values()) == {("ada", "human"), (COMPANION, "human")}
 
 
-@pytest.mark.parametrize(("pads", "pad"), [((0,), 0), ((4, 7), 7)])
+@pytest.mark.parametrize(("pads", "pad"), quick_sample([((0,), 0), ((4, 7), 7)]))
 def test_the_companion_has_the_only_gamepad_or_the_second(
     monkeypatch: pytest.MonkeyPatch, pads: tuple[int, ...], pad: int
 ) -> None:

@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pygame
+import pytest
 from tests.support.servers import crash, serving
 from tests.support.virtual_time import virtual
 from tests.support.window_play import headless_window
@@ -26,6 +27,7 @@ def press(window: Window, source: SpectatorSource, key: int) -> None:
     window.frame(source)
 
 
+@pytest.mark.slow
 @virtual
 async def test_going_back_and_returning_to_live(tmp_path: Path) -> None:
     async with (

@@ -9,6 +9,7 @@ from pathlib import Path
 import pygame
 import pytest
 from tests.support.games import recorded_game
+from tests.support.samples import quick_sample
 from tests.support.window_play import headless_window
 
 from robotouille.errors import RobotouilleError
@@ -194,6 +195,7 @@ def test_a_held_arrow_repeats(opened: Opener, path: Path) -> None:
     assert viewer.playhead.step == 4
 
 
+@pytest.mark.slow
 def test_a_paused_replay_is_not_redrawn(opened: Opener, path: Path) -> None:
     for paths in ([path], [path, path]):
         viewer = opened(*paths)
@@ -278,7 +280,7 @@ def test_a_click_closes_the_help(opened: Opener, path: Path) -> None:
     assert viewer.playhead.step == 0
 
 
-@pytest.mark.parametrize("key", [pygame.K_p, pygame.K_F12])
+@pytest.mark.parametrize("key", quick_sample([pygame.K_p, pygame.K_F12]))
 def test_pictures_are_saved_next_to_the_recording(opened: Opener, path: Path, key: int) -> None:
     viewer = opened(path)
     press(viewer, pygame.K_RIGHT)
@@ -309,7 +311,7 @@ def test_the_wheel_zooms_around_the_pointer(opened: Opener, path: Path) -> None:
     assert viewer.playhead.step > 20
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", quick_sample((size,) for size in SIZES))
 def test_everything_fits_at_all_sizes(opened: Opener, path: Path, size: tuple[int, int]) -> None:
     viewer = opened(path, size=size)
     press(viewer, pygame.K_l, pygame.K_f, pygame.K_i)
@@ -322,6 +324,7 @@ def test_everything_fits_at_all_sizes(opened: Opener, path: Path, size: tuple[in
 # Two recordings side by side
 
 
+@pytest.mark.slow
 def test_two_recordings_move_together(opened: Opener, path: Path, tmp_path: Path) -> None:
     shorter = tmp_path / "shorter.rbt"
     shorter.write_bytes(compress(recorded_game("multi_agent/01", steps=25)))
@@ -373,6 +376,7 @@ def test_an_unfinished_recording(opened: Opener, stream: bytes, tmp_path: Path) 
     assert not viewer.view().outcome
 
 
+@pytest.mark.slow
 def test_a_truncated_recording(opened: Opener, tmp_path: Path) -> None:
     whole = compress(recorded_game("multi_agent/01", steps=900))
     path = tmp_path / "cut.rbt"
