@@ -189,7 +189,6 @@ def _response(status: HTTPStatus, kind: str, body: bytes) -> Response:
             "Cross-Origin-Opener-Policy": "same-origin",
             "Cross-Origin-Resource-Policy": "same-origin",
             "Referrer-Policy": "no-referrer",
-            "X-Content-Type-Options": "nosniff",
         }
     )
     return Response(status.value, status.phrase, headers, body)

@@ -119,6 +119,24 @@ async def test_server_without_the_page_refuses_its_origin(tmp_path: Path) -> Non
         assert (await status(server, Origin=own))[0] == 403
 
 
+@pytest.mark.parametrize(
+    ("path", "headers", "code"),
+    [
+        ("/healthz", {}, 200),
+        ("/no-page", {}, 426),
+        ("/", {"Upgrade": "websocket", "Connection": "Upgrade"}, 400),
+        ("/", {"Upgrade": "websocket", "Origin": "http://evil.example"}, 403),
+    ],
+)
+@virtual
+async def test_browsers_guess_no_type_of_plain_answers(
+    tmp_path: Path, path: str, headers: dict[str, str], code: int
+) -> None:
+    async with serving(tmp_path) as server:
+        found, received, _ = await get(server, path, **headers)
+        assert (found, received.get("x-content-type-options")) == (code, "nosniff")
+
+
 @virtual
 async def test_own_page_is_a_player_even_on_this_machine(tmp_path: Path) -> None:
     async with serving(tmp_path) as server:

@@ -17,6 +17,7 @@ import secrets
 import select
 import ssl
 from collections.abc import Callable, Sequence
+from http import HTTPStatus
 from typing import Any, Protocol, cast
 
 from websockets.frames import Frame
@@ -390,16 +391,22 @@ class Connection(BufferedReader):
         # Without an event, this was no HTTP request, and the library ends the stream.
         for request in library.events_received():
             if isinstance(request, Request):
-                try:
-                    answer = self._handler.answer(self, request) or library.accept(request)
-                except Exception:
-                    get_logger().exception("a request failed")
-                    answer = library.reject(500, "the server failed to handle this\n")
-                library.send_response(answer)
+                library.send_response(self._answer_to(request))
                 if library.state is State.OPEN:
                     self._open(library, request)
                     return
         self._send_from_library()
+
+    def _answer_to(self, request: Request) -> Response:
+        try:
+            answer = self._handler.answer(self, request) or self._library.accept(request)
+        except Exception:
+            get_logger().exception("a request failed")
+            answer = self._library.reject(500, "the server failed to handle this\n")
+        if answer.status_code != HTTPStatus.SWITCHING_PROTOCOLS:
+            # Refusals repeat parts of the request.
+            answer.headers.setdefault("X-Content-Type-Options", "nosniff")
+        return answer
 
     def _open(self, library: ServerProtocol, request: Request) -> None:
         self.subprotocol = library.subprotocol
