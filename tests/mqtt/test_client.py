@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import gc
 import json
 import ssl
 from collections import Counter
@@ -230,3 +232,33 @@ async def test_waiting_refused_commands_leave_room_for_valid_ones() -> None:
     for _ in range(MAX_WAITING_COMMANDS):
         receive(b"yes")
     assert client._queue.qsize() == metrics.mqtt_dropped_commands == MAX_WAITING_COMMANDS
+
+
+@pytest.mark.parametrize("pauses", range(4))
+@virtual
+async def test_broker_that_lies_at_once_causes_no_error_of_the_event_loop(
+    tmp_path: Path, pauses: int
+) -> None:
+    """The client reads one packet in a turn: it may be connecting or subscribing at the lie."""
+    errors: list[dict[str, Any]] = []
+    asyncio.get_running_loop().set_exception_handler(lambda _, error: errors.append(error))
+    greeted = 0
+
+    async def greet(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        nonlocal greeted
+        with contextlib.suppress(ConnectionError):
+            await reader.read(1000)
+            writer.write(CONNACK + pauses * PINGRESP + EXACTLY_ONCE)
+            greeted += 1
+            while await reader.read(1000):
+                pass
+        writer.close()
+
+    async with await asyncio.start_server(greet, "127.0.0.1", 0) as broker:
+        port = broker.sockets[0].getsockname()[1]
+        async with connected(tmp_path, f"mqtt://127.0.0.1:{port}"):
+            while greeted < 3:
+                await asyncio.sleep(0.1)
+    gc.collect()
+    await asyncio.sleep(0)
+    assert errors == []

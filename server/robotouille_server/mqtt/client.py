@@ -11,7 +11,8 @@ from __future__ import annotations
 import asyncio
 import socket
 import ssl
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from math import inf
 from typing import Any
 
@@ -91,6 +92,8 @@ class BoundedClient(aiomqtt.Client):
         self._seen: set[int] = set()
         self._again: asyncio.Handle | None = None
         self._logged = -LOG_SECONDS
+        # aiomqtt forgets a connection that the broker has broken before the client uses it.
+        self._disconnected.add_done_callback(lambda lost: lost.cancelled() or lost.exception())
         paho = self._client
         self._receive, self._handle = paho._sock_recv, paho._packet_handle
         paho._sock_recv = self._receive_bounded  # type: ignore[method-assign]
@@ -118,25 +121,43 @@ class BoundedClient(aiomqtt.Client):
 
     def _on_socket_open(self, client: Paho, userdata: Any, sock: Any) -> None:
         # paho calls this in the thread that connects.
-        self._loop.call_soon_threadsafe(self._loop.add_reader, sock.fileno(), self._read, sock)
-        self._loop.call_soon_threadsafe(self._start_misc_task)
+        self._loop.call_soon_threadsafe(self._start_reading, sock)
 
-    def _start_misc_task(self) -> None:
+    def _start_reading(self, sock: Any) -> None:
+        if sock.fileno() >= 0:
+            self._loop.add_reader(sock.fileno(), self._read, sock)
         self._misc_task = self._loop.create_task(self._misc_loop())
+
+    def _on_socket_register_write(self, client: Paho, userdata: Any, sock: Any) -> None:
+        # paho also calls this in the thread that connects.
+        self._loop.call_soon_threadsafe(self._start_writing, sock)
+
+    def _start_writing(self, sock: Any) -> None:
+        # The client may have closed the socket since.
+        if sock.fileno() >= 0:
+            self._loop.add_writer(sock.fileno(), self._write)
+
+    def _write(self) -> None:
+        with self._ending_on_errors():
+            self._client.loop_write()
+
+    @contextmanager
+    def _ending_on_errors(self) -> Iterator[None]:
+        try:
+            yield
+        except Exception as error:
+            if not self._disconnected.done():
+                self._disconnected.set_exception(error)
 
     def _read(self, sock: Any) -> None:
         """Read about one packet, so that other tasks get a turn after each."""
         if self._again is not None:
             self._again.cancel()
-        try:
+        with self._ending_on_errors():
             self._client.loop_read()
-        except Exception as error:
-            if not self._disconnected.done():
-                self._disconnected.set_exception(error)
-            return
-        # The event loop does not report data that TLS has read from the socket and decrypted.
-        if self._client.socket() is sock and isinstance(sock, ssl.SSLSocket) and sock.pending():
-            self._again = self._loop.call_soon(self._read, sock)
+            # The event loop does not report data that TLS has read from the socket and decrypted.
+            if self._client.socket() is sock and isinstance(sock, ssl.SSLSocket) and sock.pending():
+                self._again = self._loop.call_soon(self._read, sock)
 
     def _receive_bounded(self, bufsize: int) -> bytes:
         # paho asks for one byte, and later for all bytes that the packet's length announces.
