@@ -84,6 +84,18 @@ def test_reset_keys_and_report_a_key_that_was_taken(display: Display) -> None:
 # Text
 
 
+def test_captions_have_no_characters_that_the_system_refuses(display: Display) -> None:
+    """A server chooses the code in the caption, and a NUL ended the window."""
+    display.caption = "Robotouille A\0B\n\ud800\u202e" + "x" * 10_000
+    assert pygame.display.get_caption()[0] == display.caption
+    assert display.caption.startswith("Robotouille A B")
+    assert display.caption.isprintable()
+    assert len(display.caption) < 1_000
+    other = Display((320, 240), caption="A\0B", headless=True)
+    other.open()
+    assert pygame.display.get_caption()[0] == "A B"
+
+
 def test_editing_a_field(display: Display, monkeypatch: pytest.MonkeyPatch) -> None:
     field = TextField("Code", "abcd", 12)
     form = Form("Join", [field, Button("Play", "play")])

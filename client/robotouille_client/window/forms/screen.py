@@ -17,6 +17,7 @@ from robotouille.files.writing import replace_file
 from robotouille.installation import data_folder
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.input.commands import Command, Gamepads, KeyMap
+from robotouille_client.window.pictures.fonts import printable
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, BACKGROUND, FAINT
 from robotouille_client.window.preferences import Preferences
@@ -46,7 +47,7 @@ class Display:
         self.size = size
         self.headless = headless
         self.fullscreen = fullscreen
-        self._caption = caption
+        self._caption = printable(caption)
         self._surface: pygame.Surface | None = None
         self._place: tuple[int, int] | None = None
 
@@ -62,9 +63,10 @@ class Display:
 
     @caption.setter
     def caption(self, words: str) -> None:
-        self._caption = words
+        # A server chooses codes and names, and SDL accepts neither NUL nor lone surrogates.
+        self._caption = printable(words)
         if self._surface is not None:
-            pygame.display.set_caption(words)
+            pygame.display.set_caption(self._caption)
 
     @property
     def surface(self) -> pygame.Surface | None:
