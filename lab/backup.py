@@ -33,6 +33,8 @@ from typing import IO, Any
 
 ROOT = Path(__file__).resolve().parents[1]
 MANIFEST = "manifest.json"
+MAX_MANIFEST = 64 * 1024 * 1024
+"""Limit on the size of a manifest, which has some 150 bytes for each file."""
 DUMP = "catalogue.dump"
 SUFFIXES = (".rbt", ".rbt.part")
 COMPOSE = ("docker", "compose", "exec", "-T", "postgres")
@@ -201,6 +203,8 @@ def restore(
 
 def _checked(tar: tarfile.TarFile) -> Mapping[str, Any]:
     """Check every byte of a backup and return its manifest."""
+    if tar.getmember(MANIFEST).size > MAX_MANIFEST:
+        raise BackupError(f"{MANIFEST} is larger than {MAX_MANIFEST >> 20} MiB")
     manifest: dict[str, Any] = json.loads(_content(tar, MANIFEST).read())["files"]
     for name, known in manifest.items():
         if name != DUMP and not _has_place(name):

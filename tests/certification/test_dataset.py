@@ -121,6 +121,17 @@ def test_each_seat_count_gets_a_certificate(tmp_path: Path) -> None:
     assert [(i.seats, str(i)) for i in found] == [(n, f"03_multi_agent@{n}") for n in (2, 3, 4)]
 
 
+def test_two_instances_with_one_certificate_are_reported(tmp_path: Path) -> None:
+    problems = data_folder("problems") / "training"
+    shutil.copy(problems / "03_multi_agent.json", tmp_path / "soup.json")
+    shutil.copy(problems / "01_synchronous.json", tmp_path / "soup@2.json")
+    found = read_dataset(tmp_path)
+    assert [str(each) for each in found.instances] == ["soup@2", "soup@3", "soup@4"]
+    assert found.faults == (
+        f"{tmp_path / 'soup@2.json'}: its certificate would be that of soup.json; rename one",
+    )
+
+
 @pytest.mark.process
 def test_number_of_processes_does_not_matter(tmp_path: Path) -> None:
     one, two = filled(tmp_path / "one"), filled(tmp_path / "two")

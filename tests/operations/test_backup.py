@@ -94,6 +94,20 @@ def test_backup_is_restored_into_empty_folders_only(folder: Path) -> None:
     assert content(folder) == before
 
 
+def test_huge_manifest_is_not_read(folder: Path) -> None:
+    """A sparse file of 1.5 KB claimed gigabytes, which were read into memory."""
+    backup = folder / "b.tar"
+    with tarfile.open(backup, "w") as tar:
+        member = tarfile.TarInfo(lab.MANIFEST)
+        member.pax_headers = {
+            "GNU.sparse.major": "0", "GNU.sparse.minor": "1", "GNU.sparse.map": "0,0",
+            "GNU.sparse.size": str(3 << 30), "GNU.sparse.name": lab.MANIFEST,
+        }  # fmt: skip
+        tar.addfile(member)
+    with pytest.raises(lab.BackupError, match=r"manifest.json is larger than 64 MiB"):
+        lab.restore(backup, places(folder / "empty"))
+
+
 def test_damaged_backup_changes_nothing(folder: Path) -> None:
     backup, empty = folder / "b.tar", folder / "empty"
     before = content(folder)

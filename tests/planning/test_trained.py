@@ -128,6 +128,8 @@ def entry(shape: str, kind: str = "<f2", content: bytes = b"") -> bytes:
         {"weights0": entry("(1000000, 1000000)")},
         {"weights0": entry(f"({10**20}, 3)")},
         {"weights0": b"no array"},
+        {"weights0": entry("(True, False)")},
+        {"weights0": b"\x93NUMPY\x01\x00" + (9_000).to_bytes(2, "little") + b"[" * 9_000},
         {"weights0": np.zeros((3, 3), complex)},
         {"weights1": np.zeros((3, 3)), "biases1": np.float32(1)},
         {"version": np.arange(3)},

@@ -84,6 +84,26 @@ def test_agreement_is_by_step_and_label() -> None:
     assert (waited.kappa, waited.alpha, waited.used) == (None, None, 0)
 
 
+def test_agreement_of_many_coders_is_counted_by_their_number() -> None:
+    """Each combination of forty coders was kept, which took gigabytes."""
+    files = [coded(f"c{n:02}", (n % 10, 9), steps=9) for n in range(40)]
+    helped, _ = agreement(files)
+    shares = [4 * (step + 1) / 40 for step in range(10)]
+    assert helped.used == pytest.approx(sum(shares) / 10)
+    observed = sum(2 * (40 * s) * (40 - 40 * s) / 39 for s in shares)
+    ones = 40 * sum(shares)
+    assert helped.alpha == pytest.approx(1 - 399 * observed / (2 * ones * (400 - ones)))
+    many = [
+        coded(f"c{n:02}", *[(s, s) for s in range(2_000) if s >> n % 11 & 1], steps=2_000)
+        for n in range(40)
+    ]
+    tracemalloc.start()
+    list(agreement(many))
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 4_000_000
+
+
 @thorough(examples=100)
 @given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)).map(sorted), max_size=8))
 def test_overlapping_spans_cover_their_union(spans: list[list[int]]) -> None:

@@ -49,7 +49,8 @@ MAX_SLUG = 80
 def task_slugs(connection: Connection, ids: Sequence[int]) -> dict[str, str]:
     """Return names for files and data sets by the digests of the episodes' tasks.
 
-    A name is the task's name, followed by a part of the digest if several tasks have that name.
+    A name is the task's name, followed by a part of the digest if several tasks have that name. If
+    these names are not distinct either, the whole digest follows each.
     """
     names: dict[str, str] = {}
     for piece in in_pieces(ids):
@@ -58,10 +59,14 @@ def task_slugs(connection: Connection, ids: Sequence[int]) -> dict[str, str]:
             names[digest] = UNUSUAL.sub("-", task).strip("-")[:MAX_SLUG] or "task"
     often = Counter(name.lower() for name in names.values())
     # Names are compared without case because some file systems ignore it.
-    return {
+    short = {
         digest: f"{name}-{digest[:8]}" if often[name.lower()] > 1 else name
         for digest, name in names.items()
     }
+    if len({name.lower() for name in short.values()}) == len(short):
+        return short
+    # A task can have the name that another one gets with its digest.
+    return {digest: f"{name}-{digest}" for digest, name in names.items()}
 
 
 @contextmanager

@@ -25,6 +25,10 @@ from robotouille_data.exports.request import ExportEntry, Field, Part, WrittenFi
 FOLDER_VARIABLE = "MINARI_DATASETS_PATH"
 MAX_STEPS = 20_000
 """Longest episode. Minari holds a whole episode in memory."""
+FLOAT_BYTES = 4
+MAX_BYTES = 512 * 1024 * 1024
+"""Limit on the observations and masks of an episode, of all seats, of which Minari makes copies.
+The longest episodes of `multi_agent/09` with four seats have 500 MiB."""
 
 
 @dataclass(slots=True)
@@ -97,8 +101,8 @@ def _write_task(
             SeatSet(f"robotouille/{task}-seat{seat}-v0", world, seat)
             for seat in range(len(world.players))
         ]
-        if not 0 < len(replay.moments) <= MAX_STEPS:
-            part.faults[replay.episode_id] = f"no steps, or more than {MAX_STEPS:,}"
+        if fault := _fault(replay):
+            part.faults[replay.episode_id] = fault
             continue
         try:
             # All seats before the first is added, so that the data sets of a task have the same
@@ -113,6 +117,21 @@ def _write_task(
         part.codebook[each.name] = _entry(each)
         sums = {"actions": each.actions, "rewards": each.rewards}
         yield WrittenFile(each.name, part.path(part.folder / each.name), each.steps, sums)
+
+
+def _fault(replay: SimulatedEpisode) -> str:
+    """Return why Minari cannot hold an episode, or nothing."""
+    if not 0 < len(replay.moments) <= MAX_STEPS:
+        return f"no steps, or more than {MAX_STEPS:,}"
+    world = replay.world
+    row = sum(
+        FLOAT_BYTES * world.encoding.size + _actions(world, seat) + 1
+        for seat in range(len(world.players))
+    )
+    size = row * (len(replay.moments) + 1)
+    if size > MAX_BYTES:
+        return f"{size / 2**20:,.0f} MiB of observations; at most {MAX_BYTES >> 20} MiB"
+    return ""
 
 
 def _buffer(replay: SimulatedEpisode, seat: int) -> EpisodeBuffer:

@@ -6,10 +6,10 @@ The catalogue's tables contain no states, so these formats read the recordings a
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import sqlalchemy as sa
 
@@ -186,6 +186,15 @@ LINES = ExportEntry(
 )
 
 
+MAX_CHAT = 256 * 1024 * 1024
+"""Limit on the characters of an episode's conversations. A recording of 70 KB can claim gigabytes
+of observations in words."""
+
+
+class _TooLongError(Exception):
+    """The conversations of an episode exceed the limit."""
+
+
 def write_chat(part: Part) -> Iterator[WrittenFile]:
     """Write `chat.jsonl`, and `lines.jsonl` with the episode and seat of each line."""
     part.codebook.update({entry.name: entry for entry in (CHAT, LINES)})
@@ -197,13 +206,23 @@ def write_chat(part: Part) -> Iterator[WrittenFile]:
     ):
         names = [field.name for field in LINES.fields]
         for replay in replays(part):
-            for seat, moments in _conversations(replay, part.request.per_decision):
-                messages = _messages(replay.world.players[seat], moments, part.request)
-                file.write(json.dumps({"messages": messages}, ensure_ascii=False) + "\n")
-                row = (count, replay.episode_id, seat, moments[0].step, len(moments))
+            before, rows = file.tell(), list[tuple[int, ...]]()
+            try:
+                left = MAX_CHAT
+                for seat, moments in _conversations(replay, part.request.per_decision):
+                    messages = _messages(replay.world.players[seat], moments, part.request)
+                    left -= _write_conversation(file, messages, left)
+                    number = count + len(rows)
+                    rows.append((number, replay.episode_id, seat, moments[0].step, len(moments)))
+            except _TooLongError:
+                file.seek(before)
+                file.truncate()
+                part.faults[replay.episode_id] = f"more than {MAX_CHAT >> 20} MiB of text"
+                continue
+            for row in rows:
                 table.write(json.dumps(dict(zip(names, row, strict=True))) + "\n")
-                count += 1
-                decisions += len(moments)
+            count += len(rows)
+            decisions += sum(row[-1] for row in rows)
     yield WrittenFile("chat", part.path(chat), count)
     yield WrittenFile("lines", part.path(lines), count, {"decisions": decisions})
 
@@ -220,17 +239,30 @@ def _conversations(
             yield seat, moments
 
 
+def _write_conversation(file: TextIO, messages: Iterable[Mapping[str, str]], most: int) -> int:
+    """Write a line, and return its number of characters.
+
+    Raises:
+        _TooLongError: The line has more than `most` characters.
+    """
+    # A message at a time, because a conversation can take most of the memory.
+    written = file.write('{"messages": [')
+    for number, message in enumerate(messages):
+        written += file.write(", " * (number > 0) + json.dumps(message, ensure_ascii=False))
+        if written > most:
+            raise _TooLongError
+    return written + file.write("]}\n")
+
+
 def _messages(
     player: str, moments: list[RecordedMoment], request: ExportRequest
-) -> list[dict[str, str]]:
-    messages = [{"role": "system", "content": request.system}] if request.system else []
+) -> Iterator[dict[str, str]]:
+    if request.system:
+        yield {"role": "system", "content": request.system}
     for moment in moments:
         move = moment.moves[player]
         said = f"Action: {move.action.sentence}"
         if move.reasoning and request.texts:
             said = f"Reasoning: {move.reasoning}\n{said}"
-        messages += [
-            {"role": "user", "content": moment.before.text_view(player)},
-            {"role": "assistant", "content": said},
-        ]
-    return messages
+        yield {"role": "user", "content": moment.before.text_view(player)}
+        yield {"role": "assistant", "content": said}

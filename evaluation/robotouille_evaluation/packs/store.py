@@ -21,7 +21,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from robotouille.domain.fast_failing import fast_failing
 from robotouille.domain.json_files import parse_json, weight
-from robotouille.errors import Fault, FileError, did_you_mean
+from robotouille.errors import Fault, FileError, RobotouilleError, did_you_mean
 from robotouille.files.drafts import drafted_folder
 from robotouille.files.reading import is_file, read_bytes
 from robotouille_evaluation.packs.experiment_settings import setting_faults
@@ -154,7 +154,20 @@ def read_pack(folder: Path, *, digest: str | None = None) -> Pack:
 
 
 def _replaceable(folder: Path) -> bool:
-    return folder.is_dir() and (is_file(folder / MANIFEST) or not any(folder.iterdir()))
+    """Return whether a folder is empty, or contains only an earlier pack of any version."""
+    if not folder.is_dir():
+        return False
+    names = {path.name for path in folder.iterdir()}
+    if not names:
+        return True
+    try:
+        manifest = _raw_manifest(folder)
+    except RobotouilleError:
+        return False
+    found = manifest.get("format") if isinstance(manifest, dict) else None
+    # Data sets of problems have a manifest, too.
+    is_pack = isinstance(found, str) and found.startswith(FORMAT.rpartition("/")[0])
+    return is_pack and names <= {MANIFEST, *FILES}
 
 
 def _files(pack: Pack) -> dict[str, str]:
@@ -187,6 +200,11 @@ def _hash(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
+def _raw_manifest(folder: Path) -> Any:
+    path = folder / MANIFEST
+    return parse_json(_read(path, MAX_PACK_BYTES).decode(errors="replace"), str(path))
+
+
 def _read_manifest(folder: Path) -> dict[str, Any]:
     path = folder / MANIFEST
     if not is_file(path):
@@ -194,7 +212,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
         if is_file(folder / "domain/robotouille.json"):
             hint = f"; convert a checkout with `robotouille pack import {folder}`"
         _fail(folder, f"not a pack: it has no {MANIFEST}{hint}")
-    manifest = parse_json(_read(path, MAX_PACK_BYTES).decode(errors="replace"), str(path))
+    manifest = _raw_manifest(folder)
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
         found = manifest.get("format") if isinstance(manifest, dict) else manifest
         _fail(path, f"format: expected {FORMAT!r}, found {found!r}; build the pack again")

@@ -83,9 +83,16 @@ def read_dataset(folder: Path) -> Dataset:
         raise FileError(str(folder), [Fault("", "is not a folder")])
     instances: list[DatasetEntry] = []
     faults: list[str] = []
+    certificates: dict[str, str] = {}
     for path in sorted(folder.rglob("*.json")):
         try:
-            instances += _instances(path, folder)
+            for each in _instances(path, folder):
+                other = certificates.setdefault(each.certificate, each.file)
+                if other == each.file:
+                    instances.append(each)
+                else:
+                    # "soup.json" with two seats, and "soup@2.json" with one.
+                    faults.append(f"{path}: its certificate would be that of {other}; rename one")
         except RobotouilleError as error:
             faults += str(error).splitlines()
     if not instances and not faults:

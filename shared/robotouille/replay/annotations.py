@@ -165,7 +165,8 @@ class Agreement:
 
 
 Units = Counter[tuple[int, ...]]
-"""Combinations of the values of coders, with the number of steps that have them."""
+"""Combinations of the values of coders, with the number of steps that have them. The order of the
+values counts only for two coders."""
 
 
 def agreement(files: Sequence[Annotations]) -> Iterator[Agreement]:
@@ -194,11 +195,20 @@ def _units(coded: Sequence[Annotations], label: str) -> Units:
     changes = [(step, coder) for coder, each in enumerate(coded) for step in each.changes(label)]
     values, units, first = [0] * len(coded), Units(), 0
     for step, coder in sorted(changes):
-        units[tuple(values)] += step - first
+        units[_unit(values)] += step - first
         first = step
         values[coder] ^= 1
-    units[tuple(values)] += coded[0].steps + 1 - first
+    units[_unit(values)] += coded[0].steps + 1 - first
     return +units
+
+
+def _unit(values: Sequence[int]) -> tuple[int, ...]:
+    # Forty coders have far more combinations of values than numbers of ones, which are all that
+    # `alpha` needs.
+    if len(values) == 2:
+        return tuple(values)
+    ones = sum(values)
+    return (1,) * ones + (0,) * (len(values) - ones)
 
 
 def _by_recording(files: Sequence[Annotations]) -> dict[str, list[Annotations]]:

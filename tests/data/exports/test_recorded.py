@@ -16,6 +16,7 @@ pytest.importorskip("pyarrow", reason="needs the extra `data`")
 
 import numpy as np
 import sqlalchemy as sa
+from sqlalchemy.engine import URL
 
 from robotouille import World, load_task
 from robotouille.episode import ActionRequest, Episode, Rules
@@ -24,11 +25,12 @@ from robotouille.replay.compression import compress, plain
 from robotouille.replay.container import frame_ends, frame_value, pack_frame
 from robotouille.replay.recorder import Recorder, header
 from robotouille_data.database import CatalogueError, database_url, writing_engine
-from robotouille_data.exports.exporting import export
+from robotouille_data.exports import recorded
+from robotouille_data.exports.exporting import export, task_slugs
 from robotouille_data.exports.request import ExportFormat, ExportRequest
 from robotouille_data.indexing import index
 from robotouille_data.recording_rows import content_digest, episode_id
-from robotouille_data.schema import RECORDINGS
+from robotouille_data.schema import EPISODES, RECORDINGS
 from tests.support.random_study import Write, manifest, write_random_study
 from tests.support.samples import quick_sample
 
@@ -224,6 +226,46 @@ def test_missing_and_changed_recordings_are_faults(own_study: Path, tmp_path: Pa
     ]
     assert len(found.faults) == 2
     assert manifest(tmp_path / "out")["faults"].keys() == set(map(str, ids))
+
+
+def test_conversations_of_an_episode_are_limited(
+    url: URL, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A recording of 70 KB took gigabytes of memory."""
+    monkeypatch.setattr(recorded, "MAX_CHAT", 20_000)
+    found = export(url, tmp_path / "out", ExportRequest((ExportFormat.CHAT,)))
+    assert found.faults
+    assert set(found.faults.values()) == {"more than 0 MiB of text"}
+    whole = list(conversations(tmp_path / "out"))
+    assert whole
+    assert not {row["episode_id"] for row, _ in whole} & found.faults.keys()
+    assert [row["line"] for row, _ in whole] == list(range(len(whole)))
+
+
+def test_observations_of_an_episode_for_minari_are_limited(
+    url: URL, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A recording of 10 KB took four gigabytes."""
+    minari_sets = pytest.importorskip("robotouille_data.exports.minari_sets")
+    monkeypatch.setattr(minari_sets, "MAX_BYTES", 30_000)
+    found = export(url, tmp_path / "out", ExportRequest((ExportFormat.MINARI,)))
+    assert found.faults
+    assert all("MiB of observations; at most" in fault for fault in found.faults.values())
+
+
+def test_file_names_of_tasks_are_distinct() -> None:
+    """The name of a task could be the one that another task got with its digest."""
+    engine = sa.create_engine("sqlite://")
+    digests = {"1" * 64: "study", "2" * 64: "Study", "3" * 64: "study-11111111"}
+    with engine.begin() as connection:
+        connection.execute(sa.text("CREATE TABLE episodes (id INTEGER, digest TEXT, task TEXT)"))
+        for number, (digest, task) in enumerate(digests.items()):
+            row = {"id": number, "digest": digest, "task": task}
+            connection.execute(sa.insert(EPISODES).values(row))
+        some = task_slugs(connection, [0, 1])
+        every = task_slugs(connection, [0, 1, 2])
+    assert some == {"1" * 64: "study-11111111", "2" * 64: "Study-22222222"}
+    assert len({slug.lower() for slug in every.values()}) == 3
 
 
 @pytest.mark.slow

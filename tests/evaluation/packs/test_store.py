@@ -54,6 +54,28 @@ def test_other_folders_are_not_replaced(tmp_path: Path, pack: Pack) -> None:
     assert (tmp_path / "thesis" / "chapter.tex").read_text() == "x"
 
 
+@pytest.mark.parametrize("file", ["certificate.json", "domain.json"])
+def test_data_sets_with_a_manifest_are_not_replaced(tmp_path: Path, pack: Pack, file: str) -> None:
+    data_set = tmp_path / "data set"
+    data_set.mkdir()
+    (data_set / "manifest.json").write_text('{"format": "robotouille-dataset/1"}')
+    (data_set / file).write_text("{}")
+    with pytest.raises(FileError, match="not a pack; choose another"):
+        write_pack(pack, data_set)
+    assert len(list(data_set.iterdir())) == 2
+
+
+def test_packs_with_notes_are_not_replaced(folder: Path, pack: Pack) -> None:
+    (folder / "notes.txt").write_text("x")
+    with pytest.raises(FileError, match="not a pack; choose another"):
+        write_pack(pack, folder)
+    (folder / "notes.txt").unlink()
+    manifest = json.loads((folder / "manifest.json").read_text())
+    (folder / "manifest.json").write_text(json.dumps({**manifest, "format": "robotouille-pack/0"}))
+    write_pack(pack, folder)
+    assert read_pack(folder) == pack
+
+
 def test_failed_write_keeps_the_old_pack(
     folder: Path, pack: Pack, monkeypatch: pytest.MonkeyPatch
 ) -> None:

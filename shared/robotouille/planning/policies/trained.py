@@ -12,6 +12,7 @@ import zipfile
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from tokenize import TokenError
 from typing import IO, Any
 
 import numpy as np
@@ -117,10 +118,10 @@ def read_actor(path: Path) -> Actor:
 
 
 UNREADABLE = (
-    KeyError, ValueError, EOFError, OverflowError, MemoryError, NotImplementedError,
-    zipfile.BadZipFile, zlib.error,
+    KeyError, TypeError, ValueError, EOFError, OverflowError, MemoryError, NotImplementedError,
+    SyntaxError, RecursionError, TokenError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
-"""Errors of NumPy and of the archive about a file's content."""
+"""Errors of NumPy and of the archive about a file's content. NumPy parses headers as Python."""
 
 
 def _check_archive(file: IO[bytes]) -> None:
