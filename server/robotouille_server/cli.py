@@ -177,7 +177,7 @@ async def serve_until_stopped(settings: ServerSettings, worker: WorkerSlot | Non
     process; a second signal does that at once.
     """
     from robotouille_server.app import Surroundings, serve
-    from robotouille_server.runtime.logs import LoopErrors
+    from robotouille_server.runtime.stray_errors import StrayErrors
 
     signals: asyncio.Queue[signal.Signals] = asyncio.Queue()
     loop = asyncio.get_running_loop()
@@ -189,6 +189,7 @@ async def serve_until_stopped(settings: ServerSettings, worker: WorkerSlot | Non
         if cluster is not None:
             around = cluster.around
         server = await stack.enter_async_context(serve(settings, around))
+        stack.enter_context(StrayErrors(loop.time, server.metrics).logged(loop))
         service = None
         if cluster is not None:
             service = await stack.enter_async_context(cluster.serving(server))
@@ -196,7 +197,6 @@ async def serve_until_stopped(settings: ServerSettings, worker: WorkerSlot | Non
         await stack.enter_async_context(_broker(server))
         collections = rare_collections(lambda: server.open_count, lambda: server.closed_count)
         await stack.enter_async_context(collections)
-        loop.set_exception_handler(LoopErrors(loop.time, server.metrics).handle)
         if service is not None:
             tell(_greeting(server, await _first_of_cluster(service), operator))
         elif worker is None or worker.index == 0:

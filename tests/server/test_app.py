@@ -11,14 +11,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from structlog.testing import capture_logs
 
 from robotouille.replay.recording import read_recording
 from robotouille_client import connect
 from robotouille_server import ServerSettings, serve
 from robotouille_server.app import CannotListenError
 from robotouille_server.cli import main
-from robotouille_server.runtime.logs import LINE_SECONDS, LoopErrors
 from robotouille_server.runtime.settings import MAX_CONFIG_BYTES
 from tests.support.processes import COMMAND, process
 from tests.support.servers import crash, raw, serving
@@ -241,24 +239,3 @@ def test_strange_config_is_reported_in_one_line(
     (line,) = capsys.readouterr().err.splitlines()
     assert str(config) in line
     assert words in line
-
-
-class Counts:
-    log_suppressed = 0
-
-
-def test_equal_errors_are_logged_rarely() -> None:
-    now, counts = 0.0, Counts()
-    errors = LoopErrors(lambda: now, counts)
-    loop = asyncio.new_event_loop()
-    context = {"message": "socket.accept() out of system resource", "exception": OSError(24, "x")}
-    with capture_logs() as lines:
-        for _ in range(1000):
-            errors.handle(loop, context)
-        errors.handle(loop, {"message": "another", "exception": ValueError("y")})
-        assert [line["message"] for line in lines] == [context["message"], "another"]
-        assert counts.log_suppressed == 999
-        now += LINE_SECONDS
-        errors.handle(loop, context)
-    assert lines[-1]["repeated"] == 999
-    loop.close()
