@@ -121,7 +121,11 @@ CHANGE = {
 }
 OVERVIEW_SECONDS = 1.0
 
-router = APIRouter(prefix="/api", responses={"default": {"model": Problem}})
+router = APIRouter(
+    prefix="/api",
+    responses={"default": {"model": Problem}},
+    generate_unique_id_function=lambda route: route.name,
+)
 
 
 async def _principal(request: Request) -> Principal:
@@ -470,13 +474,12 @@ def application(
         docs_url=None,
         redoc_url=None,
         openapi_url="/api/openapi.json",
-        generate_unique_id_function=lambda route: route.name,
     )
     app.state.service = service
     app.state.streams = streams
     app.state.rates = rates
-    app.include_router(router)
-    app.router.routes.extend(page_routes())
+    # Routes of `include_router` are made again by each application, with all their schemas.
+    app.router.routes.extend([*router.routes, *page_routes()])
     app.add_exception_handler(RequestRefusedError, _refused)
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(HTTPException, _no_such_path)
