@@ -42,6 +42,17 @@ def random_stream(
     Args:
         people: Name and pseudonym of each player.
     """
+    return _recorded(seed, clock, steps, tuple((labels or {}).items()), tuple(people))
+
+
+@cache  # Many tests use the same recordings.
+def _recorded(
+    seed: int,
+    clock: Clock | None,
+    steps: int,
+    labels: tuple[tuple[str, str], ...],
+    people: tuple[tuple[str, str], ...],
+) -> bytes:
     rng = random.Random(seed)
     world = _world(rng.choice(list(Timing)))
     rules = Rules(
@@ -58,7 +69,7 @@ def random_stream(
         episode=f"random{seed}",
         seed=seed,
         created="2026-01-01",
-        details=HeaderDetails(f"CODE-{seed}", "some-owner", labels or {}),
+        details=HeaderDetails(f"CODE-{seed}", "some-owner", dict(labels)),
     )
     stream = recorder.begin(head)
     for player, (name, pseudonym) in zip(world.players, people, strict=True):
