@@ -508,6 +508,7 @@ def peers_of(node: Node, episode: str) -> list[Peer | None]:
     return [session.peer for session in mirrors(node)[episode]._members]
 
 
+@pytest.mark.slow
 @virtual
 async def test_spectators_stay_when_another_node_takes_the_game_over(tmp_path: Path) -> None:
     async with watched(tmp_path, 4) as game:
@@ -611,6 +612,7 @@ async def test_nothing_is_left_behind(tmp_path: Path) -> None:
         assert not [task for task in asyncio.all_tasks() if "Mirror" in repr(task.get_coro())]
 
 
+@pytest.mark.slow
 @virtual
 async def test_spectators_learn_of_the_end_and_are_let_go(tmp_path: Path) -> None:
     async with watched(tmp_path) as game, raw(game.others[0].server, name="eve") as eve:

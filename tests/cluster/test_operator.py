@@ -140,6 +140,7 @@ class TestOverview:
             phases = [row["phase"] for row in rows]
             assert phases == ["running", *["waiting"] * 6]
 
+    @pytest.mark.slow
     @virtual
     async def test_search_and_phase_apply_to_all_nodes(self, tmp_path: Path) -> None:
         async with lab(tmp_path) as at:
@@ -147,6 +148,7 @@ class TestOverview:
                 seen = await at.asked.get(f"/api/overview?{query}")
                 assert (seen["found"], len(seen["episodes"])) == (found, found)
 
+    @pytest.mark.slow
     @virtual
     async def test_nodes_are_listed_with_their_load(self, tmp_path: Path) -> None:
         async with lab(tmp_path) as at:
@@ -161,6 +163,7 @@ class TestOverview:
                 assert (row["leaving"], row["problem"]) == (False, "")
                 assert row["same_keys"] and row["same_version"] and row["same_tasks"]
 
+    @pytest.mark.slow
     @virtual
     async def test_nodes_with_other_keys_and_versions_are_marked(self, tmp_path: Path) -> None:
         async with lab(tmp_path) as at:
@@ -235,6 +238,7 @@ class TestEpisodes:
             await at.asked.do(f"{at.path}/kick", session=seats[1]["session"], reason="be kind")
             assert (await until(at.games[1], GameEnded)).reason == "be kind"
 
+    @pytest.mark.slow
     @virtual
     async def test_announcements_reach_one_episode_or_all_nodes(self, tmp_path: Path) -> None:
         async with lab(tmp_path) as at:
@@ -282,6 +286,7 @@ class TestEpisodes:
                 assert (answer.status_code, answer.json()["code"]) == (502, "node/size")
                 assert str(at.apis[owner].http.base_url) in answer.json()["message"]
 
+    @pytest.mark.slow
     @virtual
     async def test_any_node_lists_and_sends_the_recordings_of_all(self, tmp_path: Path) -> None:
         async with lab(tmp_path) as at:
@@ -314,6 +319,7 @@ class TestEpisodes:
             answer = await asked.http.get("/api/recordings", params={"offset": 1000})
             assert answer.json()["message"].endswith("search for fewer")
 
+    @pytest.mark.slow
     @virtual
     async def test_recordings_of_a_silent_node_are_left_out(self, tmp_path: Path) -> None:
         async with lab(tmp_path) as at:

@@ -91,6 +91,7 @@ async def test_invalid_list_of_the_cluster_is_replaced(
     assert set(load_revoked(one.revoked)) == {"a", "b"}
 
 
+@pytest.mark.slow
 async def test_longest_list_fits_into_the_bucket(pair: tuple[Node, Node]) -> None:
     one, two = pair
     one.revoke(*(f"{n:064}" for n in range(MAX_ENTRIES)))
@@ -98,6 +99,7 @@ async def test_longest_list_fits_into_the_bucket(pair: tuple[Node, Node]) -> Non
     assert len(load_revoked(two.revoked)) == MAX_ENTRIES
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mine", "theirs"),
     [

@@ -147,6 +147,7 @@ def test_two_indexers_at_once(database: str, folder: Path, tmp_path: Path) -> No
     assert dump(database) == dump(other)
 
 
+@pytest.mark.slow
 def test_late_damage_leaves_no_rows(
     database: str, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -177,6 +178,7 @@ def test_number_out_of_range_is_a_fault_of_its_recording_only(
     assert indexed(database, folder, unfinished=True).unchanged == 7
 
 
+@pytest.mark.slow
 def test_small_files_that_expand_are_not_held_together(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -199,6 +201,7 @@ def test_small_files_that_expand_are_not_held_together(
     assert most < 3 * len(stream)
 
 
+@pytest.mark.slow
 def test_small_files_of_many_rows_are_not_held_together(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -16,6 +16,7 @@ pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 from robotouille_client.cli.main import app
 from robotouille_data import own_catalogues
 from tests.support.random_play import write_recordings
+from tests.support.samples import quick_sample
 
 COUNT = "SELECT count(*) AS n FROM episodes"
 
@@ -56,6 +57,7 @@ def test_received_catalogue_is_refused(received: Path, command: tuple[str, ...])
     assert "catalogue.sqlite: you have not made it on this computer" in words(result)
 
 
+@pytest.mark.slow
 def test_deleting_a_received_catalogue_indexes_again(received: Path) -> None:
     (received / "catalogue.sqlite").unlink()
     assert run("sql", COUNT, "--folder", received).exit_code == 0
@@ -98,7 +100,7 @@ def test_catalogue_that_cannot_be_remembered_is_not_created(
     assert not (tmp_path / "recordings/catalogue.sqlite").exists()
 
 
-@pytest.mark.parametrize("ending", ["-wal", "-shm", "-journal"])
+@pytest.mark.parametrize("ending", quick_sample(["-wal", "-shm", "-journal"]))
 def test_links_next_to_a_catalogue_are_refused(folder: Path, tmp_path: Path, ending: str) -> None:
     precious = tmp_path / "precious"
     precious.write_text("precious")

@@ -80,6 +80,7 @@ def text_of(page: str) -> str:
 # Content
 
 
+@pytest.mark.slow
 def test_facts_equal_those_of_the_recordings(folder: Path) -> None:
     """Compare the facts with the recordings' own measures and notes."""
     facts = facts_of(folder)
@@ -200,6 +201,7 @@ def test_page_has_no_scripts_and_no_external_resources(page: str) -> None:
     check_harmless(page)
 
 
+@pytest.mark.slow
 def test_text_of_strangers_is_escaped(tmp_path: Path) -> None:
     database = random_catalogue(tmp_path, 3, text=HOSTILE)
     page = page_of(tmp_path, database, by=HOSTILE, title=HOSTILE, labels={HOSTILE: HOSTILE})
@@ -282,6 +284,7 @@ def random_catalogue(
     return database
 
 
+@pytest.mark.slow
 def test_page_shows_scores_of_shifts(tmp_path: Path) -> None:
     page = page_of(tmp_path, random_catalogue(tmp_path, 6, score=(157, 6, 2, 314)))
     assert "Scores of shifts" in page

@@ -51,6 +51,7 @@ def test_packs_examples() -> None:
     assert names["world"].task.name == names["instance"].id
 
 
+@pytest.mark.slow
 def test_api_examples() -> None:
     assert run_blocks("api.md")["result"].optimal
 

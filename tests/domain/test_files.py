@@ -88,6 +88,7 @@ def test_byte_order_mark_is_accepted(tmp_path: Path) -> None:
     assert read_json(path)["width"] == 3
 
 
+@pytest.mark.slow
 def test_many_values_are_refused_before_they_are_decoded() -> None:
     text = f"[{'[],' * 3_000_000}[]]"
     tracemalloc.start()

@@ -158,6 +158,7 @@ def played(*words: str, command: Callable[..., None] = play) -> Any:
     return CliRunner().invoke(app, list(words))
 
 
+@pytest.mark.slow
 def test_faults_of_a_chosen_look_are_listed(renderings: Path, tmp_path: Path) -> None:
     path = write(renderings, "mine.json", WRONG)
     picture = tmp_path / "picture.png"

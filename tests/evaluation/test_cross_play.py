@@ -34,6 +34,7 @@ def idle_actor(path: Path) -> str:
     return str(path)
 
 
+@pytest.mark.slow
 def test_matrix_has_all_pairs_with_intervals(tmp_path: Path) -> None:
     idle, out = idle_actor(tmp_path / "idle.npz"), tmp_path / "means.csv"
     result = cross_play("scripted", idle, "--episodes", "4", "--max-steps", "30", "--out", str(out))
@@ -54,6 +55,7 @@ def test_matrix_has_all_pairs_with_intervals(tmp_path: Path) -> None:
     assert "with others: 0 (0–" in result.output
 
 
+@pytest.mark.slow
 def test_a_pair_plays_alike_whoever_else_is_there(tmp_path: Path) -> None:
     options = "--episodes", "2", "--max-steps", "12", "--seed", "3"
     both, alone = tmp_path / "both.json", tmp_path / "alone.json"

@@ -20,6 +20,7 @@ def generate(*words: str) -> Result:
     return CliRunner().invoke(app, ["generate", *words])
 
 
+@pytest.mark.slow
 def test_files_pass_the_linter(tmp_path: Path) -> None:
     out = tmp_path / "new"
     result = generate(SANDWICH, "--kind", "noisy", "--count", "3", "--out", str(out))

@@ -39,6 +39,7 @@ def stored(problem: ProblemFile) -> Counter[tuple[str, int, str]]:
     )
 
 
+@pytest.mark.slow
 def test_kitchen_menu_and_orders_change_with_the_seed(tmp_path: Path) -> None:
     original = load_task(short(tmp_path))
     drawn = [generator_of(original).draw(seed) for seed in range(1, 7)]

@@ -198,6 +198,7 @@ async def test_session_works_with_its_own_token_only(tmp_path: Path) -> None:
         assert not await mcp.alive(session, ada)
 
 
+@pytest.mark.slow
 async def test_revoked_token_ends_the_session_and_frees_its_place(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -243,6 +244,7 @@ async def test_strangers_cannot_end_the_games_of_a_session(tmp_path: Path) -> No
         assert len(mcp.games) == 0
 
 
+@pytest.mark.slow
 async def test_oldest_session_without_a_game_gives_way(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -319,6 +321,7 @@ async def test_unknown_tokens_beyond_their_limit_are_refused_at_once(
         assert await mcp.alive(await mcp.opened())
 
 
+@pytest.mark.slow
 async def test_calls_that_wait_for_the_game_take_no_turns(tmp_path: Path) -> None:
     async with service(tmp_path) as mcp:
         token = mcp.token("ada")
@@ -375,6 +378,7 @@ async def test_requests_with_unchecked_tokens_displace_no_session(
         assert {(await stranger).status_code for stranger in strangers} == {401}
 
 
+@pytest.mark.slow
 async def test_tokens_of_open_sessions_are_checked_a_few_at_a_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -177,6 +177,7 @@ async def test_other_tasks_get_a_turn_after_each_packet_of_shifted_tls_records(
     assert most <= 2
 
 
+@pytest.mark.slow
 @virtual
 async def test_acknowledgements_of_a_long_queue_do_not_count_as_a_flood(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -43,6 +43,7 @@ def watch(server: Server, broker: FakeBroker, **what: Any) -> None:
     broker.command({"type": "watch", "ref": "w", "token": role_token(server), **what})
 
 
+@pytest.mark.slow
 @virtual
 async def test_broker_failures_delay_no_step(tmp_path: Path) -> None:
     # In virtual time, a step is late only if it waited for something.
@@ -94,6 +95,7 @@ async def test_server_whose_name_was_taken_over_publishes_its_episodes_only(
     assert not broker.on("answers")
 
 
+@pytest.mark.slow
 @virtual
 async def test_presence_and_queue_are_published_after_reconnecting(tmp_path: Path) -> None:
     async with (
@@ -116,6 +118,7 @@ async def test_presence_and_queue_are_published_after_reconnecting(tmp_path: Pat
         assert [each.content["event"] for each in again[1:]] == ["paused", "resumed"]
 
 
+@pytest.mark.slow
 @virtual
 async def test_stalled_broker_drops_and_counts_steps(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -158,6 +161,7 @@ async def test_lost_connection_does_not_interrupt_a_command(tmp_path: Path) -> N
         assert len(answer["opened"]) == 20
 
 
+@pytest.mark.slow
 @virtual
 async def test_stop_publishes_the_queue_that_a_command_waits_for(tmp_path: Path) -> None:
     async with serving_with_broker(tmp_path) as (server, broker):

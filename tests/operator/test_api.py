@@ -39,6 +39,7 @@ def test_guide_lists_all_error_codes() -> None:
     assert [row[0] for row in table("operate_a_server.md", "Operator API errors")] == list(CODES)
 
 
+@pytest.mark.slow
 @virtual
 async def test_running_server_serves_the_same_document(tmp_path: Path) -> None:
     async with viewing(tmp_path) as (_, _, api):

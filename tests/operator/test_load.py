@@ -42,6 +42,7 @@ class RowCount:
         self._built = 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("query", quick_sample(["limit=200&search=lettuce", "limit=200"]))
 @virtual
 async def test_episodes_take_steps_between_parts_of_overviews(

@@ -440,6 +440,7 @@ def test_turn_decrypts_few_of_many_small_records(
     assert max(sizes) <= RECORDS_AT_A_TIME
 
 
+@pytest.mark.slow
 @virtual
 async def test_connection_holds_little_memory_for_tls(pair: Pair, tmp_path: Path) -> None:
     count = 10

@@ -184,6 +184,7 @@ async def test_long_search_does_not_count_as_silence(
         assert not waiting, "who has gone is still being looked for"
 
 
+@pytest.mark.slow
 @virtual
 async def test_folder_is_listed_rarely_and_in_a_thread(
     tmp_path: Path,

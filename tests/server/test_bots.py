@@ -32,6 +32,7 @@ def searches(monkeypatch: pytest.MonkeyPatch) -> list[State]:
     return sought
 
 
+@pytest.mark.slow
 def test_bots_in_the_same_state_share_a_plan(searches: list[State]) -> None:
     here, state = Bots(), shared_world(TASK).initial
     here.show(TASK)
@@ -42,6 +43,7 @@ def test_bots_in_the_same_state_share_a_plan(searches: list[State]) -> None:
     assert len(searches) == searched
 
 
+@pytest.mark.slow
 def test_world_is_learnt_once_per_seat(searches: list[State]) -> None:
     here = Bots()
     here.show(TASK)

@@ -206,6 +206,7 @@ async def test_returning_client_gets_each_step_once(tmp_path: Path) -> None:
             assert steps == list(range(steps[0], steps[-1] + 1))
 
 
+@pytest.mark.slow
 @virtual
 async def test_reconnections_during_a_full_disk_do_not_accumulate(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -368,6 +368,7 @@ async def test_clients_that_do_not_know_partial_states_and_players_who_watch_are
         assert (await host.ask({**join, "role": "spectator"}, "joined"))["type"] == "joined"
 
 
+@pytest.mark.slow
 def test_actions_of_others_are_shown_only_if_all_of_it_is_in_sight_before_and_after() -> None:
     world, sight, rng = World("multi_agent/07@2"), Sight(2), random.Random(4)
     episode = Episode(world, Rules(clock=Clock.LOCKSTEP, sight=2), 0.0)

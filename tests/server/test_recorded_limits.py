@@ -116,7 +116,7 @@ def check(path: Path) -> Recording:
     return recording
 
 
-@pytest.mark.parametrize("seed", quick_sample(range(30), quick=2))
+@pytest.mark.parametrize("seed", quick_sample(range(30)))
 @virtual
 async def test_recording_of_messages_at_their_limits_can_be_read(tmp_path: Path, seed: int) -> None:
     client = Client(seed)
@@ -147,6 +147,7 @@ async def test_recording_of_messages_at_their_limits_can_be_read(tmp_path: Path,
     assert check(closed).totals.notes > 20
 
 
+@pytest.mark.slow
 @virtual
 async def test_longest_rejections_that_are_due_together_can_be_read(tmp_path: Path) -> None:
     async with serving(tmp_path) as server, raw(server, text=False) as ada:

@@ -355,6 +355,7 @@ class TestSubstitute:
         controllers = [n["controller"] for n in recording.notes() if n.get("player") == "robot1"]
         assert controllers == ["human", "substitute", "human", "substitute"]
 
+    @pytest.mark.slow
     def test_substitute_reaches_the_goal(self, tmp_path: Path) -> None:
 
         async def main() -> dict:  # type: ignore[type-arg]

@@ -28,6 +28,7 @@ async def begin(server: Server, ada: Raw, bob: Raw, **options: Any) -> str:
     return code
 
 
+@pytest.mark.slow
 @virtual
 async def test_substitute_is_prepared_while_all_are_present(tmp_path: Path) -> None:
     thread = ThreadBotWorker(ImmediateExecutor())

@@ -59,6 +59,7 @@ def bistro(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @virtual
 async def test_own_task_is_opened_by_name_and_drawn_with_its_pictures(
     tmp_path: Path, bistro: Path

@@ -85,6 +85,7 @@ async def test_stalled_client_is_aborted(tmp_path: Path) -> None:
             await ada.expect("delta")
 
 
+@pytest.mark.slow
 @virtual
 async def test_unsent_data_is_bounded(tmp_path: Path) -> None:
     async with serving(tmp_path) as server, raw(server) as ada:

@@ -90,6 +90,7 @@ async def test_who_comes_late_sees_the_orders(tmp_path: Path) -> None:
         assert watched.state.digest == game.state.digest
 
 
+@pytest.mark.slow
 def test_altered_score_of_a_recording_is_found(tmp_path: Path) -> None:
     recording = played_alone(tmp_path, 130)
     assert recording.verify().ok
@@ -134,6 +135,7 @@ def served_alone(world: World, steps: int) -> list[State]:
     return states
 
 
+@pytest.mark.slow
 def test_bot_washes_plates_and_cooks_soup_for_its_orders(tmp_path: Path) -> None:
     arrivals = [{"at": 20 * i, "dish": dish} for i, dish in enumerate(["toast", "toast", "soup"])]
     state = served_alone(bistro(tmp_path, arrivals=arrivals), 130)[-1]
@@ -162,6 +164,7 @@ def test_bot_does_nothing_without_orders(tmp_path: Path) -> None:
     assert policy.act(state) is not None
 
 
+@pytest.mark.slow
 def test_bot_finishes_what_is_on_the_hatch_before_a_more_urgent_dish(tmp_path: Path) -> None:
     problem = json.loads(SANDWICHES.read_text())
     shift = problem["shift"]
@@ -202,6 +205,7 @@ def test_a_favour_lasts_when_the_next_order_begins(tmp_path: Path) -> None:
 # Environments
 
 
+@pytest.mark.slow
 def test_environment_rewards_points_and_ends_with_the_shift(tmp_path: Path) -> None:
     world = bistro(tmp_path, steps=90, arrivals=[{"at": 0, "dish": "toast"}])
     env = RobotouilleEnv(world.task, max_steps=500)

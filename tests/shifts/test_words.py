@@ -9,6 +9,7 @@ from robotouille.world.world import State, World
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.sources.texts import outcome_words, won
 from robotouille_client.window.view import View
+from tests.support.samples import quick_sample
 from tests.support.shifts import example
 
 WORLD = World(example())
@@ -40,7 +41,9 @@ def drawn(state: State, size: tuple[int, int] = (900, 600)) -> bytes:
     return pygame.image.tobytes(surface, "RGB")
 
 
-@pytest.mark.parametrize("size", [(480, 360), (900, 600), (640, 1000)])
+@pytest.mark.parametrize(
+    "size", quick_sample((size,) for size in [(480, 360), (900, 600), (640, 1000)])
+)
 def test_slips_show_orders_patience_and_score(size: tuple[int, int]) -> None:
     start = WORLD.initial
     assert start.orders is not None

@@ -44,9 +44,9 @@ def test_heads_within_the_limits_are_accepted(head: bytes) -> None:
     "head",
     [
         lines(MAX_HEAD_LINES + 1),
-        lines(10_000),
+        pytest.param(lines(10_000), marks=pytest.mark.slow),
         sized(MAX_HEAD_BYTES + 1),
-        sized(200_000),
+        pytest.param(sized(200_000), marks=pytest.mark.slow),
         b"GET /" + b"x" * MAX_HEAD_BYTES,
         START + b"Transfer-Encoding: chunked\r\n" + END + b"1\r\na\r\n" * 40_000,
         START + b"Content-Length: 2\r\nTRANSFER-ENCODING: chunked\r\n" + END,

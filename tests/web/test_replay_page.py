@@ -84,6 +84,7 @@ def test_data_are_the_states_of_the_recording(game: Recording) -> None:
         assert reader.apply(delta) == states[step]
 
 
+@pytest.mark.slow
 def test_lanes_times_and_seats_are_those_of_the_viewer() -> None:
     for seed in range(6):
         recording = Recording(random_stream(seed))
@@ -224,6 +225,7 @@ def test_anonymous_names_are_the_same_in_both_recordings() -> None:
 # The command
 
 
+@pytest.mark.slow
 def test_command_writes_a_page(tmp_path: Path) -> None:
     file, page = tmp_path / "game.rbt", tmp_path / "page.html"
     file.write_bytes(compress(random_stream(3)))

@@ -124,6 +124,7 @@ def test_goal_of_many_equal_objects_is_matched_quickly(last_is_cut: bool) -> Non
     assert world.initial.goal_reached is last_is_cut
 
 
+@pytest.mark.slow
 def test_display_of_a_hard_goal_ends() -> None:
     """Each of a thousand conditions would search through all others."""
     held = [{"predicate": "item_at", "args": ["bread", "table"], "ids": [1, 2]}] * 500

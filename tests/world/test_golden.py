@@ -18,6 +18,7 @@ def test_golden_file_is_unchanged(file: str) -> None:
     assert (GOLDEN / file).read_bytes() == golden_files()[file]().encode()
 
 
+@pytest.mark.slow
 def test_state_counts_are_unchanged() -> None:
     for name, counts in json.loads((GOLDEN / PERFT_FILE).read_text()).items():
         depth = len(counts) - 2

@@ -52,6 +52,7 @@ def related(arity: int) -> Task:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_play_that_creates_without_end_stops_at_a_limit() -> None:
     world = World(related(2))
     (make,) = (a for a in world.actions(world.initial, "robot1") if a.name == "make")

@@ -239,6 +239,7 @@ def test_invalid_timers_raise(name: str) -> None:
     assert len(str(caught.value)) < 300
 
 
+@pytest.mark.slow
 def test_few_bytes_cannot_make_a_world_grow_without_limit() -> None:
     world = World("synchronous/01")
     version, mark, _, *rows = msgpack.unpackb(world.pack(world.initial))

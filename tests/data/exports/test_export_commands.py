@@ -93,6 +93,7 @@ def test_card_command_prints_and_changes_the_card(folder: Path, tmp_path: Path) 
     assert run("card", tmp_path).exit_code == 1
 
 
+@pytest.mark.slow
 def test_both_databases_give_equal_exports(database: str, folder: Path, tmp_path: Path) -> None:
     other, own = database_url(database, folder), database_url(None, folder)
     index(other, [folder])

@@ -65,6 +65,7 @@ def conversations(folder: Path) -> Iterator[tuple[dict[str, int], list[dict[str,
         yield received, json.loads(line)["messages"]
 
 
+@pytest.mark.slow
 def test_conversation_contains_observations_and_actions(
     write: Write, recordings: dict[int, Recording]
 ) -> None:
@@ -209,6 +210,7 @@ def own_study(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_missing_and_changed_recordings_are_faults(own_study: Path, tmp_path: Path) -> None:
     gone, changed, copied = (own_study / f"random{number}.rbt" for number in (1, 2, 4))
     ids = [episode_id(content_digest(path.read_bytes())) for path in (gone, changed)]

@@ -81,6 +81,7 @@ def called(*words: str | Path) -> Result:
     return CliRunner().invoke(benchmark, [str(word) for word in words])
 
 
+@pytest.mark.slow
 def test_costs_and_options_of_a_resumed_run(tmp_path: Path) -> None:
     FakeModel.failing = True
     how = ["--price", "2/8", "--timeout", "7.5", "--attempts", "2"]

@@ -58,6 +58,7 @@ def test_run_is_played_and_not_overwritten(tmp_path: Path) -> None:
     assert (run / "rows.jsonl").read_bytes() == before[run / "rows.jsonl"]
 
 
+@pytest.mark.slow
 def test_later_of_two_runs_leaves_the_pack_of_the_first(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -85,7 +86,9 @@ def test_run_whose_pack_cannot_be_written_does_not_begin(tmp_path: Path) -> None
 
 
 @pytest.mark.usefixtures("no_processes")
-@pytest.mark.parametrize(("agent", "announced"), [("planner", True), ("random", False)])
+@pytest.mark.parametrize(
+    ("agent", "announced"), quick_sample([("planner", True), ("random", False)])
+)
 def test_compiling_in_other_processes_is_announced(
     agent: str, announced: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -105,6 +108,7 @@ def test_trained_policy_is_sent_to_cross_play(tmp_path: Path) -> None:
     assert "`robotouille cross-play TASK runs/burger/training_03_ippo_0.npz`" in result.stderr
 
 
+@pytest.mark.slow
 def test_temperatures_are_players_of_their_own(tmp_path: Path) -> None:
     for temperature in ("0", "1"):
         words = ["--model", "mock", "--temperature", temperature]
@@ -171,7 +175,7 @@ def test_options_of_real_time(tmp_path: Path) -> None:
         (["--digest-tokens", "9"], "--digest-tokens is only for --clock realtime"),
         (["--seats", "5", "--tasks", f"{TEAM},{SANDWICH}"],
           f"5 players are not possible for {SANDWICH} (possible: 1); {TEAM} (possible: 2, 3, 4)"),
-        (["--seats", "3"], "; and "),
+        pytest.param(["--seats", "3"], "; and ", marks=pytest.mark.slow),
         (["--seats", "2", "--variant", "delay-free", "--tasks", SANDWICH], "2 players are not"),
         (["--kinds", "tidy"], "unknown kind of instance 'tidy'"),
         (["--tasks", "synchronous/99"], "synchronous/99"),

@@ -61,6 +61,7 @@ def measure(run: Path, *more: str | Path) -> Result:
     return called("benchmark", "measure", run, "--processes", "1", *more)
 
 
+@pytest.mark.slow
 def test_measures_after_a_proof_are_those_of_a_run_after_it(
     tmp_path: Path, toast: Path, reported: list[list[ResultRow]]
 ) -> None:

@@ -48,7 +48,11 @@ def test_damaged_line_is_an_error(tmp_path: Path) -> None:
         ("\n" * 100_001, "more than 100,000 lines"),
         (f"{' ' * 1_000}{',' * 1_000_000}\n", "line 1: "),
         (" " * 140_000, "line 1: is longer than 131,072 bytes"),
-        (f"{' ' * 130_000}\n" * 2_100, "the file is longer than 268,435,456 bytes"),
+        pytest.param(
+            f"{' ' * 130_000}\n" * 2_100,
+            "the file is longer than 268,435,456 bytes",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_endless_rows_are_refused(tmp_path: Path, text: str, words: str) -> None:
@@ -56,6 +60,7 @@ def test_endless_rows_are_refused(tmp_path: Path, text: str, words: str) -> None
         read_rows(written(tmp_path, text))
 
 
+@pytest.mark.slow
 def test_rows_are_read_one_by_one(tmp_path: Path) -> None:
     path = written(tmp_path, "".join(write_rows([row(job="a")] * 2_000)) + "\n" * 90_000)
     tracemalloc.start()

@@ -45,6 +45,7 @@ def test_published_checkout() -> None:
     assert found.pack.task("synchronous/2_lettuce_tomato_sandwich").optimal == 24
 
 
+@pytest.mark.slow
 @NEEDED
 def test_every_published_instance_loads() -> None:
     assert check_pack(published()) == []

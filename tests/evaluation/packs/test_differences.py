@@ -161,6 +161,7 @@ def test_very_many_tasks_are_paired_by_name_only(monkeypatch: pytest.MonkeyPatch
     assert pairs[-1] == (None, other)
 
 
+@pytest.mark.slow
 def test_goals_of_long_chains_are_compared() -> None:
     """Each of the thousand objects was compared with all conditions in a thousand rounds."""
     chain = goal(*(("atop", "bread bread", [i, i + 1]) for i in range(300)))

@@ -128,6 +128,7 @@ def test_number_of_files_is_limited(tmp_path: Path) -> None:
         read_checkout(root)
 
 
+@pytest.mark.slow
 def test_instances_are_bounded_together(tmp_path: Path) -> None:
     folder = "environments/env_generator/examples/synchronous"
     large = json.dumps({**PROBLEM, "flooring": "x" * 4_000_000})
@@ -136,6 +137,7 @@ def test_instances_are_bounded_together(tmp_path: Path) -> None:
         read_checkout(write_checkout(tmp_path, files))
 
 
+@pytest.mark.slow
 def test_examples_are_bounded_together(tmp_path: Path) -> None:
     text = f"Interaction 1\n---\nObservation: {'x' * 4_000_000}\nAction: y"
     folder = "agents/in_context_examples/data/synchronous/examples"

@@ -123,6 +123,7 @@ def check_layout(raw: dict[str, Any], layout: ObjectLayout, *, noisy: bool) -> N
     assert set(layout.errors) <= ERRORS
 
 
+@pytest.mark.slow
 @thorough(60)
 @given(PROBLEMS, st.integers(0, 10_000))
 def test_objects_are_kept_and_reachable(raw: dict[str, Any], seed: int) -> None:

@@ -119,6 +119,7 @@ def test_team_needs_a_seat() -> None:
     assert {choice.action.player for choice in choices} == {"robot2"}
 
 
+@pytest.mark.slow
 def test_failed_episode_is_no_example() -> None:
     recording = Recording(played(SANDWICH, random_choice(1)))
     with pytest.raises(RobotouilleError, match="does not reach the goal"):

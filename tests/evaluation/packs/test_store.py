@@ -165,6 +165,7 @@ def test_invalid_manifest_is_an_error(folder: Path, change: dict[str, Any], word
         read_pack(folder)
 
 
+@pytest.mark.slow
 def test_pack_that_could_not_be_read_is_not_written(tmp_path: Path, pack: Pack) -> None:
     long = Prompt("long", "\1" * 17_000_000, "Six bytes of JSON for each character.")
     with pytest.raises(FileError, match="the pack is larger than 100,663,296 bytes"):
@@ -187,6 +188,7 @@ def replace_lists(folder: Path, content: bytes) -> None:
     (folder / "manifest.json").write_text(json.dumps(manifest))
 
 
+@pytest.mark.slow
 def test_files_of_a_pack_are_bounded_together(folder: Path) -> None:
     replace_lists(folder, b"[" + b"[]," * 1_500_000 + b"[]]")
     with pytest.raises(FileError, match="values; at most 12,000,000"):

@@ -28,6 +28,7 @@ from robotouille_evaluation.packs.own import build_own_pack as pack
 from robotouille_evaluation.realtime import Charge, LatePolicy
 from robotouille_evaluation.realtime.network import RealTimeAgent, RealTimeOptions
 from robotouille_evaluation.realtime.thoughts import Thought
+from tests.support.samples import quick_sample
 from tests.support.servers import serving
 from tests.support.slow_policy import PATIENCE, SlowPolicy
 from tests.support.virtual_time import run, virtual
@@ -183,7 +184,7 @@ async def test_answer_takes_effect_while_the_helper_searches(tmp_path: Path) -> 
 DECLARED = {"step_rate": 5.0, "max_steps": 40, "thinking": "declared"}
 
 
-@pytest.mark.parametrize("late", [LatePolicy.APPLY, LatePolicy.DROP])
+@pytest.mark.parametrize("late", quick_sample([LatePolicy.APPLY, LatePolicy.DROP]))
 def test_declared_thinking_costs_steps(tmp_path: Path, late: LatePolicy) -> None:
     """300 ms are two steps, sent with the action or passed before it."""
     contents = []

@@ -147,6 +147,7 @@ def test_recordings_have_paths_from_their_runs(
     assert f"<code>{tmp_path}/x/recordings/a.rbt</code>" in inside
 
 
+@pytest.mark.slow
 def test_hostile_names_stay_in_the_folder(tmp_path: Path) -> None:
     rows = [row(dataset="../../up", task="../x", run="/etc")]
     write_report(rows, tmp_path / "report", graphs=())

@@ -75,7 +75,7 @@ def in_process(folder: Path, answer: Stubborn, strategy: str) -> tuple[ResultRow
     return row, read_recording(folder / row.recording)
 
 
-@pytest.mark.parametrize("name", quick_sample(ANSWERS, 3))
+@pytest.mark.parametrize("name", quick_sample(ANSWERS))
 def test_bad_answers_in_a_run(tmp_path: Path, name: str) -> None:
     answer, verdict = ANSWERS[name]
     model = Stubborn(answer)

@@ -101,6 +101,7 @@ def test_paid_calls_are_kept_while_there_is_space(tmp_path: Path) -> None:
     assert model.asked == whole.asked + 1, "only the answer that was not stored is asked for twice"
 
 
+@pytest.mark.slow
 def test_rows_are_not_truncated_and_the_run_resumes(tmp_path: Path) -> None:
     folder, planned = created(tmp_path, seeds=6)
     finished: list[ResultRow] = []

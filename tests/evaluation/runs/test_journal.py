@@ -34,6 +34,7 @@ def test_different_request_drops_the_rest(tmp_path: Path) -> None:
     assert lines(tmp_path / "a.jsonl") == 2
 
 
+@pytest.mark.slow
 def test_truncated_line_is_removed(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     with CallJournal(path) as journal:

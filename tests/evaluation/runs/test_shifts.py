@@ -46,7 +46,9 @@ def play(
 
 @pytest.mark.parametrize(
     ("kind", "seats", "real_time"),
-    [("random", 2, None), ("model", 1, None), ("model", 1, RealTime(charge="declared:500"))],
+    quick_sample(
+        [("random", 2, None), ("model", 1, None), ("model", 1, RealTime(charge="declared:500"))]
+    ),
 )
 def test_score_of_a_row_is_that_of_its_recording(
     tmp_path: Path, kind: str, seats: int, real_time: RealTime | None
