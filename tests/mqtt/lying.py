@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 
 from paho.mqtt.properties import VariableByteIntegers
 
-__all__ = ["CONNACK", "PINGRESP", "LyingBroker", "packet", "published", "text"]
+__all__ = ["CONNACK", "PINGRESP", "LyingBroker", "packet", "published", "received", "text"]
 
 CONNACK = bytes([0x20, 3, 0, 0, 0])
 PINGRESP = bytes([0xD0, 0])

@@ -28,7 +28,7 @@ from robotouille_server.mqtt.messages import MAX_PROPERTY_BYTES
 from robotouille_server.mqtt.service import on_broker
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.transport import LoopBudget
-from tests.mqtt.lying import CONNACK, PINGRESP, LyingBroker, packet, published, text
+from tests.mqtt.lying import CONNACK, PINGRESP, LyingBroker, packet, published, received, text
 from tests.support.brokers import role_token
 from tests.support.samples import quick_sample
 from tests.support.servers import serving
@@ -263,3 +263,42 @@ async def test_broker_that_lies_at_once_causes_no_error_of_the_event_loop(
     gc.collect()
     await asyncio.sleep(0)
     assert errors == []
+
+
+@virtual
+async def test_broker_gets_no_more_messages_at_once_than_it_accepts(tmp_path: Path) -> None:
+    """Such a broker closes the connection, and the next connection would send them again."""
+    limit, most, acknowledged = 2, 0, 0
+
+    async def accept(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        nonlocal most, acknowledged
+        await received(reader)
+        writer.write(packet(0x20, b"\0\0\3\x21" + limit.to_bytes(2, "big")))
+        _, subscribe = await received(reader)
+        writer.write(packet(0x90, subscribe[:2] + b"\0\1"))
+        waiting: list[bytes] = []
+        with contextlib.suppress(asyncio.IncompleteReadError):
+            while True:
+                try:
+                    async with asyncio.timeout(0.1):
+                        first, body = await received(reader)
+                except TimeoutError:
+                    acknowledged += len(waiting)
+                    for number in waiting:
+                        writer.write(packet(0x40, number))
+                    waiting.clear()
+                    continue
+                if first & 0xF6 == 0x32:
+                    end = 2 + int.from_bytes(body[:2], "big")
+                    waiting.append(body[end : end + 2])
+                    most = max(most, len(waiting))
+        writer.close()
+
+    async with await asyncio.start_server(accept, "127.0.0.1", 0) as broker:
+        port = broker.sockets[0].getsockname()[1]
+        async with connected(tmp_path, f"mqtt://127.0.0.1:{port}") as server:
+            for _ in range(10):
+                server.lobby.create(Create())
+            while acknowledged < 11:
+                await asyncio.sleep(0.1)
+    assert most == limit

@@ -25,7 +25,7 @@ from paho.mqtt.subscribeoptions import SubscribeOptions
 from robotouille_server import Server
 from robotouille_server.auth import Role
 from robotouille_server.mqtt.broker import NameTakenError
-from robotouille_server.mqtt.client import BoundedClient
+from robotouille_server.mqtt.client import MQTT_RECEIVE_MAXIMUM, BoundedClient
 from robotouille_server.mqtt.messages import CommandReply
 from robotouille_server.mqtt.service import on_broker
 from tests.support.servers import serving
@@ -105,6 +105,7 @@ class FakeClient:
 
     def __init__(self, broker: FakeBroker) -> None:
         self.largest_packet = broker.largest_packet
+        self.receive_maximum = MQTT_RECEIVE_MAXIMUM
         self._broker = broker
         self._subscribed = False
 

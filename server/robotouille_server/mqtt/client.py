@@ -50,6 +50,8 @@ MAX_CONTROL_BYTES = 1024
 MAX_UNSENT_PACKETS = 1000
 """Packets that wait because the broker does not read, above which the connection is closed."""
 LARGE_BYTES = 8 * 1024
+MQTT_RECEIVE_MAXIMUM = 65_535
+"""Default of the standard (MQTT 5, section 3.2.2.3.3)."""
 LOG_SECONDS = 60.0
 
 _ONCE = {PacketTypes.CONNACK, PacketTypes.SUBACK, PacketTypes.DISCONNECT}
@@ -72,6 +74,7 @@ class BoundedClient(aiomqtt.Client):
 
     Attributes:
         largest_packet: The size in bytes of the largest packet that the broker accepts.
+        receive_maximum: The number of messages that the broker accepts before it acknowledges one.
     """
 
     def __init__(
@@ -83,7 +86,7 @@ class BoundedClient(aiomqtt.Client):
         **options: Any,
     ) -> None:
         super().__init__(max_queued_incoming_messages=MAX_WAITING_COMMANDS, **options)
-        self.largest_packet = inf
+        self.largest_packet, self.receive_maximum = inf, MQTT_RECEIVE_MAXIMUM
         self._metrics = metrics
         self._authorized = authorized
         now = self._loop.time()
@@ -111,6 +114,7 @@ class BoundedClient(aiomqtt.Client):
         properties: Properties | None = None,
     ) -> None:
         self.largest_packet = getattr(properties, "MaximumPacketSize", inf)
+        self.receive_maximum = getattr(properties, "ReceiveMaximum", MQTT_RECEIVE_MAXIMUM)
         super()._on_connect(client, userdata, flags, reason_code, properties)
 
     def _connect_metered(self) -> socket.socket:

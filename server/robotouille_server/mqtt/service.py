@@ -54,7 +54,7 @@ MAX_UNSENT = 100
 """Queued messages above which commands wait. Otherwise their replies, which may be long, would
 displace lifecycle events."""
 MAX_IN_FLIGHT = 16
-"""Messages sent before the broker acknowledges the first one."""
+"""Messages sent before the broker acknowledges the first one; fewer if it accepts fewer."""
 MAX_CORRELATION = 256
 """Largest correlation data in bytes that a reply repeats."""
 FIRST_PAUSE, MAX_PAUSE = 0.5, 30.0
@@ -275,11 +275,12 @@ class BrokerService:
         # Messages stay in `_in_flight` until the broker has them. The next connection sends them
         # again, so the broker may receive one twice, but loses none.
         queued = self._outbox.messages
+        at_once = max(1, min(MAX_IN_FLIGHT, client.receive_maximum))
         while queued or self._in_flight:
-            while queued and len(self._in_flight) < MAX_IN_FLIGHT:
+            while queued and len(self._in_flight) < at_once:
                 self._in_flight.append(queued.popleft())
             async with asyncio.TaskGroup() as tasks:
-                for message in self._in_flight:
+                for message in self._in_flight[:at_once]:
                     tasks.create_task(self._send_message(client, message))
 
     async def _send_message(self, client: BoundedClient, message: OutgoingMessage) -> None:
