@@ -200,8 +200,11 @@ async def test_newer_calls_replace_the_oldest_one(server: Server) -> None:
         assert any("bob" in line for line in happened)
 
 
+@pytest.mark.parametrize(("token", "most"), [("ada", MAX_VISITS_OF_TOKEN), (None, 40)])
 @virtual
-async def test_calls_of_one_token_that_wait_for_the_game_server_are_limited() -> None:
+async def test_calls_of_one_token_that_wait_for_the_game_server_are_limited(
+    token: str | None, most: int
+) -> None:
     async def silent(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await reader.read()
         writer.close()
@@ -211,9 +214,9 @@ async def test_calls_of_one_token_that_wait_for_the_game_server_are_limited() ->
             pass
 
     async with await asyncio.start_server(silent, "127.0.0.1", 0) as slow:
-        games = OpenGames(f"ws://127.0.0.1:{slow.sockets[0].getsockname()[1]}")
-        ada, bob = Caller("ada", alone=False), Caller("bob", alone=False)
-        calls = [asyncio.create_task(visit(ada)) for _ in range(MAX_VISITS_OF_TOKEN)]
+        games = OpenGames(f"ws://127.0.0.1:{slow.sockets[0].getsockname()[1]}", max_games=40)
+        ada, bob = Caller(token, alone=False), Caller("bob", alone=False)
+        calls = [asyncio.create_task(visit(ada)) for _ in range(most)]
         await asyncio.sleep(0.1)
         for call in (visit(ada), games.join(ada, TEAM, None, "player")):
             with pytest.raises(RobotouilleError, match="wait for the game server"):

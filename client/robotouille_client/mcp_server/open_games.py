@@ -114,9 +114,13 @@ class OpenGames:
     @contextmanager
     def _visit(self, caller: Caller) -> Iterator[None]:
         # A client may abandon its calls, which go on.
-        if caller.token and self._visits[caller.owner] >= MAX_VISITS_OF_TOKEN:
+        most = MAX_VISITS_OF_TOKEN
+        if not caller.token:
+            # All agents of this machine may join at the same time.
+            most = max(most, self._max_games)
+        if self._visits[caller.owner] >= most:
             raise RobotouilleError(
-                f"{MAX_VISITS_OF_TOKEN} of your calls wait for the game server; call again later"
+                f"{most} of your calls wait for the game server; call again later"
             )
         with counted(self._visits, caller.owner):
             yield
