@@ -15,6 +15,7 @@ from contextlib import asynccontextmanager
 from typing import Annotated, Any
 
 from mcp.server.mcpserver import MCPServer
+from mcp.server.mcpserver.tools import Tool
 from mcp.types import ToolAnnotations
 from pydantic import Field
 
@@ -87,19 +88,31 @@ def mcp_server(make_games: Callable[[], OpenGames]) -> MCPServer[OpenGames]:
         title="Robotouille",
         instructions=INSTRUCTIONS,
         version=VERSION,
+        tools=list(_tools()),
         lifespan=lifespan,
         log_level="ERROR",
         subscriptions=False,
     )
-    for tool in TOOLS:
-        annotations = ToolAnnotations(
-            read_only_hint=tool.__name__ in READ_ONLY, destructive_hint=False, open_world_hint=True
-        )
-        server.add_tool(tool, annotations=annotations)
     server.resource("robotouille://guide", title="How to play", mime_type="text/markdown")(guide)
     server.resource("robotouille://tasks", title="The tasks", mime_type="application/json")(tasks)
     server.prompt(title="Play an episode")(play)
     return server
+
+
+@functools.cache
+def _tools() -> tuple[Tool, ...]:
+    """Return the tools. All servers share them, because their schemas take 25 ms to make."""
+    return tuple(
+        Tool.from_function(
+            tool,
+            annotations=ToolAnnotations(
+                read_only_hint=tool.__name__ in READ_ONLY,
+                destructive_hint=False,
+                open_world_hint=True,
+            ),
+        )
+        for tool in TOOLS
+    )
 
 
 def guide() -> str:
