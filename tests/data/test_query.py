@@ -226,6 +226,7 @@ def test_table_replaces_control_characters_and_limits_rows(filled: str) -> None:
     assert more
 
 
+@pytest.mark.slow
 def test_csv_json_and_parquet_contain_all_rows(filled: str, tmp_path: Path) -> None:
     def saved(save: Any, name: str) -> Path:
         with asking(database_url(filled, Path()), ALL) as answer:

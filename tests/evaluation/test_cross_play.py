@@ -107,6 +107,7 @@ def test_a_trained_policy_of_another_kitchen_is_refused(tmp_path: Path) -> None:
     assert "idle was trained for training/03@2 and cannot play" in result.output.replace("\n", " ")
 
 
+@pytest.mark.slow
 def test_partners_can_be_named(tmp_path: Path) -> None:
     (tmp_path / "rate=1").mkdir()
     file = idle_actor(tmp_path / "rate=1" / "best.npz")

@@ -57,6 +57,7 @@ class TestOpenFiles:
             before = sum(end <= byte for end in ends[1:])
             assert byte < len(MAGIC) or found == whole[:before], f"byte {byte}"
 
+    @pytest.mark.slow
     def test_flipped_bits_of_a_game_lose_no_earlier_frame(self, short_game: bytes) -> None:
         """The strides are odd, so that they reach every bit of a byte."""
         header, begin = 8 * next(frame_ends(short_game)), 8 * len(MAGIC)

@@ -72,6 +72,7 @@ async def test_two_bots_serve_a_shift_over_a_server_with_a_crash(tmp_path: Path)
     assert final.orders.score == score["points"] == scores(recording)[-1]
 
 
+@pytest.mark.slow
 @virtual
 async def test_who_comes_late_sees_the_orders(tmp_path: Path) -> None:
     folder = tmp_path / "tasks"

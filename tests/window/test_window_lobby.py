@@ -69,7 +69,7 @@ async def table(folder: Path, **options: object) -> AsyncIterator[Table]:
         yield Table(window, source, one, two)
 
 
-@pytest.mark.parametrize("key", [pygame.K_RETURN, pygame.K_e, pygame.K_SPACE])
+@pytest.mark.parametrize("key", quick_sample([pygame.K_RETURN, pygame.K_e, pygame.K_SPACE]))
 @opening(table)
 async def test_enter_toggles_ready(at: Table, key: int) -> None:
     await asyncio.sleep(30)

@@ -431,6 +431,7 @@ def test_the_recording_is_closed_when_the_game_ends(tmp_path: Path) -> None:
     assert game.finish(ended=True) == path
 
 
+@pytest.mark.slow
 def test_real_time_pauses_while_the_player_is_asked(tmp_path: Path) -> None:
     timer = Timer()
     setup = GameSetup("multi_agent/01", seats=2, rate=10.0, max_steps=40, countdown=0.0)

@@ -87,6 +87,7 @@ def test_conversation_contains_observations_and_actions(
     assert rows == {"chat": len(expected), "lines": len(expected)}
 
 
+@pytest.mark.slow
 def test_one_conversation_per_decision(write: Write, recordings: dict[int, Recording]) -> None:
     folder = write("chat", per_decision=True)
     found = list(conversations(folder))

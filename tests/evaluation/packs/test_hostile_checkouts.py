@@ -99,7 +99,7 @@ def escaped(levels: int) -> str:
         (f"a: [{'1,' * 400_000}]\n", "more than 10,000 values"),
         (EXPERIMENT + f"  huge: 0x{'f' * 9000}\n", "more than 64 bits"),
         (EXPERIMENT + f"  0x{'f' * 900}: 1\n", "more than 64 bits"),
-        (chain(10, 15), "longer than 1,000,000 characters"),
+        pytest.param(chain(10, 15), "longer than 1,000,000 characters", marks=pytest.mark.slow),
         (escaped(14), "longer than 1,000,000 characters"),
         (EXPERIMENT + "  a:\n    b: ${llm.a}\n", "refers to itself"),
         (EXPERIMENT.replace("[5, 9]", "[" + "'x', " * 999 + "]"), "…"),

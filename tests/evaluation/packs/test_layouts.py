@@ -247,6 +247,7 @@ def test_delay_free_pack_is_stored(tmp_path: Path) -> None:
     assert read_pack(tmp_path / "pack", digest=free.digest) == free
 
 
+@pytest.mark.slow
 @NEEDED
 def test_published_pack_without_delays() -> None:
     pack = read_checkout(CHECKOUT, seeds=()).pack
