@@ -77,8 +77,10 @@ def write_pack(pack: Pack, folder: Path) -> None:
     for text in texts.values():
         size.add(text)
     _restore(folder)
-    if folder.exists() and not _replaceable(folder):
-        _fail(folder, "already contains something that is not a pack; choose another folder")
+    if folder.exists() and (found := _other_content(folder)):
+        _fail(
+            folder, f"already contains something that is not a pack{found}; choose another folder"
+        )
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with drafted_folder(folder) as draft:
@@ -153,21 +155,21 @@ def read_pack(folder: Path, *, digest: str | None = None) -> Pack:
     return pack
 
 
-def _replaceable(folder: Path) -> bool:
-    """Return whether a folder is empty, or contains only an earlier pack of any version."""
+def _other_content(folder: Path) -> str:
+    """Return what is not a pack of any version in a folder, or nothing."""
     if not folder.is_dir():
-        return False
+        return f": {folder.name}"
     names = {path.name for path in folder.iterdir()}
-    if not names:
-        return True
+    if others := sorted(names - {MANIFEST, *FILES}):
+        return f": {others[0]}"
     try:
-        manifest = _raw_manifest(folder)
+        manifest = _raw_manifest(folder) if names else {"format": FORMAT}
     except RobotouilleError:
-        return False
+        return f": {MANIFEST}"
     found = manifest.get("format") if isinstance(manifest, dict) else None
     # Data sets of problems have a manifest, too.
-    is_pack = isinstance(found, str) and found.startswith(FORMAT.rpartition("/")[0])
-    return is_pack and names <= {MANIFEST, *FILES}
+    is_pack = isinstance(found, str) and found.startswith(FORMAT.rstrip("0123456789"))
+    return "" if is_pack else f": {MANIFEST}"
 
 
 def _files(pack: Pack) -> dict[str, str]:

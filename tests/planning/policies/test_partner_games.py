@@ -75,6 +75,7 @@ def test_kitchen_cut_off_by_a_person_has_no_plan(task: str, seats: int) -> None:
 
 
 STOOD = [
+    ("07", 3, "blocking", 2),
     ("08", 3, "wandering", 0),
     ("07", 3, "blocking", 0),
     ("07", 4, "blocking", 0),
@@ -82,7 +83,6 @@ STOOD = [
     ("10", 4, "idle", 0),
     ("02", 3, "wandering", 6),
     ("09", 3, "blocking", 4),
-    ("07", 3, "blocking", 2),
     ("09", 3, "hoarding", 2),
 ]
 """Games in which bots once stood for ten seconds or more although they had useful work."""

@@ -8,7 +8,7 @@ from robotouille import GroundAction, State, World, load_task
 from robotouille.episode import Clock
 from robotouille.planning.plan import Limits, Plan
 from robotouille.planning.policies.aside import with_others_aside
-from robotouille.planning.policies.deferral import defer_blocked
+from robotouille.planning.policies.deferral import defer_blocked, who_can_begin
 from robotouille.planning.policies.plan_watch import (
     DROP,
     KEEP,
@@ -24,7 +24,15 @@ from robotouille.planning.policies.plan_watch import (
     situation,
 )
 from robotouille.planning.policies.policy import Script
-from robotouille.planning.policies.team_plan import WAYS, Assumption, TeamPlan
+from robotouille.planning.policies.team_plan import (
+    EXPANSIONS,
+    WAYS,
+    Assumption,
+    Portion,
+    TeamPlan,
+    TeamPlanner,
+    TeamSearch,
+)
 from robotouille.planning.solvers import AnytimePlanner
 from tests.support.samples import quick_sample
 from tests.support.team_games import Idle, play_team
@@ -346,6 +354,20 @@ def test_object_that_is_put_back_at_once_stays_where_it_is() -> None:
     other = defer_blocked(useless, aside, aside, team)
     assert after(other, aside).goal_reached
     assert (back,) not in list(other)
+
+
+@pytest.mark.parametrize(("task", "has_work"), [("07@4", True), ("02@4", False)])
+def test_member_without_work_gets_some_or_the_plan_stays(task: str, has_work: bool) -> None:
+    world = World(f"multi_agent/{task}")
+    here, team = world.initial, ("robot2", "robot3", "robot4")
+    anytime = AnytimePlanner(world)
+    planner = TeamPlanner(anytime, TeamSearch(anytime, seed=0, expansions=EXPANSIONS), alone=False)
+    plan = planner.decide(here, team, hurried=True).plan(Portion())
+    assert plan.assumption is Assumption.OTHERS_ASIDE
+    assert "robot3" not in who_can_begin(plan.plan, plan.base, here, team)
+    other = planner.decide(here, team, hurried=True, rest=plan, unused={"robot3"}).plan(Portion())
+    assert (other != plan) == has_work
+    assert ("robot3" in who_can_begin(other.plan, other.base, here, team)) == has_work
 
 
 @pytest.mark.slow

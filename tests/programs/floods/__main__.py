@@ -45,6 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if given.attack:
         name, port, code = given.attack
         attack(name, Target(int(port), code))
+        return 0
     results = list(_rows(given.floods or possible_floods(), given.runs, given.seconds))
     return 0 if all(result.withstood for result in results) else 1
 

@@ -61,8 +61,10 @@ def _player(port: int, code: str, seat: int) -> socket.socket:
 
 
 def _send_notes(player: socket.socket, count: int) -> None:
+    # A note is sent as a whole or not at all, in practice.
     with suppress(BlockingIOError):
-        player.sendall(NOTE * count)
+        for _ in range(count):
+            player.send(NOTE)
     with suppress(BlockingIOError):
         # The server closes connections without pongs.
         _, ping, payload = player.recv(CHUNK).partition(b"\x89\x04")

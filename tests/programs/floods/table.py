@@ -69,10 +69,10 @@ class Flood:
     """A flood from a process of its own, and its limits.
 
     Attributes:
-        what: A description.
+        description: One line about the attackers.
         prepare: Returns the attackers when they are ready to begin.
-        at: What they attack: the server, its operator port, another node of its cluster on a real
-            NATS, or `robotouille-mcp`, whose memory and calls are then measured.
+        at: Target of the attackers: the server, its operator port, another node of its cluster on
+            a real NATS, or `robotouille-mcp`, whose memory and calls are then measured.
         tls: True if the server uses TLS with a slow RSA key.
         remote: True if they connect to another address of this machine, so that the server limits
             them as strangers.
@@ -85,7 +85,7 @@ class Flood:
         max_gap: The limit for the longest gap or call in seconds.
     """
 
-    what: str
+    description: str
     prepare: Callable[[Target], Attackers] = lambda _: Nobody()
     at: Literal["server", "operator", "node", "mcp"] = "server"
     tls: bool = False

@@ -87,7 +87,8 @@ class Teammates(NamedTuple):
 class PlanBase(NamedTuple):
     """Point from which a plan is needed: step, state, and facts about players outside the team.
 
-    `idle` is the number of steps for which each member has done nothing under the last plan.
+    `idle` is the number of steps in a row for which each member has done nothing, also under
+    earlier plans.
     """
 
     step: int
@@ -184,9 +185,13 @@ class PlanWatch:
         team, others = teammates.team, teammates.others
         self._meddled = self._meddled or past.is_meddling(team)
         acted = {p for p, action, ok in past.did if ok and does_something(action)}
-        for player in team:
-            idle = player not in acted and not past.state.busy_steps(player)
-            self.idle[player] = self.idle.get(player, 0) + 1 if idle else 0
+        # Players who have left the team no longer count.
+        self.idle = {
+            player: 0
+            if player in acted or past.state.busy_steps(player)
+            else self.idle.get(player, 0) + 1
+            for player in team
+        }
         # In real time, bots walk for reasons that are in no plan.
         anywhere = others or teammates.hurried
         self.script.observe(past.did, past.state.world.players if anywhere else ())

@@ -460,7 +460,7 @@ class PlannerPolicy:
                 tried=tried,
                 working=working,
                 rest=self._rest if aim is self._pursued else None,
-                unused=base.unused,
+                unused=base.unused if self._hurried else (),
             )
 
         aims = [self._aim(goal) for goal in self._agenda.goals(base.state)]

@@ -413,7 +413,10 @@ class TeamDecision:
         return self._with_fewer() or self._way() or self._nearer()
 
     def _better_than(self, rest: TeamPlan) -> TeamPlan:
-        """Return a plan with work for the unused members, or the rest of the last plan."""
+        """Return a plan of the team alone or with work for an unused member, or the last plan's rest.
+
+        If the last plan relies on the team alone, the shorter of both is better.
+        """
         if rest.assumption is Assumption.TEAM:
             return self._shorter_than(rest.plan)
         if not self._cut_off:
@@ -513,9 +516,11 @@ class TeamDecision:
             found = self._search.wide(base, team)
             if found.plan is not None:
                 return TeamPlan(found.plan, base, Assumption.TEAM, found)
-        plan = self._possible_part()
-        if not self._cut_off:
-            plan = self._search.towards(base, team, self._effort, after=self._number)
+        plan = (
+            self._possible_part()
+            if self._cut_off
+            else self._search.towards(base, team, self._effort, after=self._number)
+        )
         return TeamPlan(
             plan, base, Assumption.NOTHING, cut_off=self._cut_off, can_begin=bool(len(plan))
         )
@@ -541,18 +546,18 @@ class TeamDecision:
         if start == here or self._anytime.is_cut_off(start, self._team):
             return None
         found: TeamPlan | None = None
-        for plan, begins in self._plans_aside(start, here):
+        for plan, beginners in self._plans_aside(start, here):
             made = TeamPlan(
                 plan,
                 start,
                 Assumption.OTHERS_ASIDE,
                 cut_off=self._cut_off,
-                can_begin=bool(begins),
+                can_begin=bool(beginners),
             )
             # Members without work come first, so that they do not wait next to busy ones.
-            if begins & (self._unused or begins):
+            if beginners and (not self._unused or beginners & self._unused):
                 return made
-            if found is None or (begins and not found.can_begin):
+            if found is None or (beginners and not found.can_begin):
                 found = made
         return None if only_useful else found
 
