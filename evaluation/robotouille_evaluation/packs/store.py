@@ -78,9 +78,7 @@ def write_pack(pack: Pack, folder: Path) -> None:
         size.add(text)
     _restore(folder)
     if folder.exists() and (found := _other_content(folder)):
-        _fail(
-            folder, f"already contains something that is not a pack{found}; choose another folder"
-        )
+        _fail(folder, f"already contains what is not a pack: {found}; choose another folder")
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with drafted_folder(folder) as draft:
@@ -156,20 +154,20 @@ def read_pack(folder: Path, *, digest: str | None = None) -> Pack:
 
 
 def _other_content(folder: Path) -> str:
-    """Return what is not a pack of any version in a folder, or nothing."""
+    """Return the name of a file that is not of a pack, of any version, or nothing."""
     if not folder.is_dir():
-        return f": {folder.name}"
+        return folder.name
     names = {path.name for path in folder.iterdir()}
     if others := sorted(names - {MANIFEST, *FILES}):
-        return f": {others[0]}"
+        return others[0]
     try:
         manifest = _raw_manifest(folder) if names else {"format": FORMAT}
     except RobotouilleError:
-        return f": {MANIFEST}"
+        return MANIFEST
     found = manifest.get("format") if isinstance(manifest, dict) else None
     # Data sets of problems have a manifest, too.
     is_pack = isinstance(found, str) and found.startswith(FORMAT.rstrip("0123456789"))
-    return "" if is_pack else f": {MANIFEST}"
+    return "" if is_pack else MANIFEST
 
 
 def _files(pack: Pack) -> dict[str, str]:

@@ -49,7 +49,7 @@ def test_pack_is_replaced(folder: Path, pack: Pack) -> None:
 def test_other_folders_are_not_replaced(tmp_path: Path, pack: Pack) -> None:
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "chapter.tex").write_text("x")
-    with pytest.raises(FileError, match="not a pack: chapter.tex; choose another"):
+    with pytest.raises(FileError, match=r"not a pack: chapter\.tex; choose another"):
         write_pack(pack, tmp_path / "thesis")
     assert (tmp_path / "thesis" / "chapter.tex").read_text() == "x"
 
@@ -60,14 +60,14 @@ def test_data_sets_with_a_manifest_are_not_replaced(tmp_path: Path, pack: Pack, 
     data_set.mkdir()
     (data_set / "manifest.json").write_text('{"format": "robotouille-dataset/1"}')
     (data_set / file).write_text("{}")
-    with pytest.raises(FileError, match="not a pack: .*; choose another"):
+    with pytest.raises(FileError, match=r"not a pack: .*; choose another"):
         write_pack(pack, data_set)
     assert len(list(data_set.iterdir())) == 2
 
 
 def test_packs_with_notes_are_not_replaced(folder: Path, pack: Pack) -> None:
     (folder / "notes.txt").write_text("x")
-    with pytest.raises(FileError, match="not a pack: notes.txt; choose another"):
+    with pytest.raises(FileError, match=r"not a pack: notes\.txt; choose another"):
         write_pack(pack, folder)
     (folder / "notes.txt").unlink()
     manifest = json.loads((folder / "manifest.json").read_text())

@@ -413,9 +413,10 @@ class TeamDecision:
         return self._with_fewer() or self._way() or self._nearer()
 
     def _better_than(self, rest: TeamPlan) -> TeamPlan:
-        """Return a plan of the team alone or with work for an unused member, or the last plan's rest.
+        """Return the rest of the last plan, or a better plan.
 
-        If the last plan relies on the team alone, the shorter of both is better.
+        A plan is better if it relies on the team alone, or if an unused member can begin. If the
+        last plan relies on the team alone, shorter plans are better.
         """
         if rest.assumption is Assumption.TEAM:
             return self._shorter_than(rest.plan)
