@@ -13,7 +13,7 @@ import pytest
 from structlog.testing import capture_logs
 
 from robotouille_server.runtime.logs import configure_logs
-from robotouille_server.runtime.stray_errors import LINE_SECONDS, MAX_KINDS, StrayErrors
+from robotouille_server.runtime.stray_errors import LINE_SECONDS, MAX_LINES, StrayErrors
 from tests.support.virtual_time import virtual
 
 
@@ -43,15 +43,15 @@ def test_flood_of_different_errors_is_limited() -> None:
     errors = StrayErrors(lambda: now, counts)
     loop = asyncio.new_event_loop()
     with capture_logs() as lines:
-        for number in range(2 * MAX_KINDS):
+        for number in range(2 * MAX_LINES):
             errors.handle(loop, {"message": "x" * number})
         for number in range(1000):
             errors.handle(loop, {"message": f"Exception in <function f at 0x7f8e60ee{number:04x}>"})
-        assert len(lines) == MAX_KINDS
+        assert len(lines) == MAX_LINES
         now += LINE_SECONDS
         errors.handle(loop, {"message": "y"})
         assert lines[-1]["message"] == "y"
-    assert counts.log_suppressed == MAX_KINDS + 1000
+    assert counts.log_suppressed == MAX_LINES + 1000
     loop.close()
 
 

@@ -21,8 +21,8 @@ from robotouille_server.runtime.logs import get_logger
 
 LINE_SECONDS = 10.0
 """Minimum seconds between two similar lines."""
-MAX_KINDS = 100
-"""Lines in `LINE_SECONDS`."""
+MAX_LINES = 100
+"""Maximum number of lines in `LINE_SECONDS`."""
 _VARIABLE = re.compile("[0-9][0-9a-f]*")
 """Numbers and addresses of objects, which do not distinguish lines."""
 
@@ -110,7 +110,7 @@ class StrayErrors:
     def _may_log(self, kind: str, logged: float) -> bool:
         if self._now() - logged < LINE_SECONDS:
             return False
-        if kind not in self._logged and len(self._logged) >= MAX_KINDS:
+        if kind not in self._logged and len(self._logged) >= MAX_LINES:
             oldest = next(iter(self._logged))
             if self._now() - self._logged[oldest][0] < LINE_SECONDS:
                 return False
