@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+from itertools import pairwise
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from robotouille_server.mqtt.service import (
 )
 from tests.support.brokers import FakeBroker, role_token, serving_with_broker
 from tests.support.operator import table
-from tests.support.virtual_time import virtual
+from tests.support.virtual_time import stand_still, virtual
 
 NAME = "robotouille/v1/lab"
 
@@ -119,9 +120,10 @@ async def test_presence_and_queue_are_published_after_reconnecting(tmp_path: Pat
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("failure", ["stalled", "breaks_at_steps"])
 @virtual
-async def test_stalled_broker_drops_and_counts_steps(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+async def test_failing_broker_drops_and_counts_steps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failure: str
 ) -> None:
     monkeypatch.setattr(stream_module, "MAX_STEPS", 20)
     async with (
@@ -130,9 +132,9 @@ async def test_stalled_broker_drops_and_counts_steps(
     ):
         watch(server, broker)
         await play.until(lambda game: game.step >= 10)
-        broker.stalled = True
+        setattr(broker, failure, True)
         await play.until(lambda game: game.step >= 300)
-        broker.stalled = False
+        setattr(broker, failure, False)
         await asyncio.sleep(MAX_PAUSE + 10)
         server.lobby.rooms[play.episode].abort("enough")
         await asyncio.sleep(1)
@@ -217,3 +219,27 @@ async def test_steps_are_split_for_brokers_that_accept_small_packets(tmp_path: P
         assert rows == [*range(rows[0], rows[-1] + 1)]
         assert rows[-1] >= 100
         assert server.metrics.mqtt_dropped_steps == 0
+
+
+@virtual
+async def test_other_tasks_get_a_turn_after_each_step_that_is_dropped(tmp_path: Path) -> None:
+    async with (
+        serving_with_broker(tmp_path) as (server, broker),
+        table(server, max_steps=5000) as play,
+    ):
+        watch(server, broker)
+        await asyncio.sleep(1)
+        broker.break_off(gone=True)
+        await play.until(lambda game: game.step >= 60)
+        room = server.lobby.rooms[play.episode]
+        room.pause()
+        queued = room.episode.step - broker.on("steps")[-1]["steps"][-1]["step"]
+        broker.gone, broker.largest_packet = False, 100
+        dropped = [0]
+        async with asyncio.timeout(2 * MAX_PAUSE):
+            while dropped[-1] < queued:
+                stand_still(0.01)  # Virtual time passes only while no task is ready.
+                await asyncio.sleep(0)
+                dropped.append(server.metrics.mqtt_dropped_steps)
+        assert queued > 20
+        assert max(after - before for before, after in pairwise(dropped)) == 1

@@ -56,10 +56,16 @@ class Publication(NamedTuple):
 
 
 class FakeBroker:
-    """Broker that records publications; tests may set `gone` and `stalled` at any time."""
+    """Broker that records publications; tests may set its failures at any time.
+
+    Attributes:
+        gone: No connection succeeds.
+        stalled: No publication succeeds; each takes `TIMEOUT` to fail.
+        breaks_at_steps: The connection breaks when steps are published.
+    """
 
     def __init__(self) -> None:
-        self.gone = self.stalled = self.taken_over = False
+        self.gone = self.stalled = self.breaks_at_steps = self.taken_over = False
         self.attempts = 0
         self.largest_packet = inf
         self.published: list[Publication] = []
@@ -121,6 +127,8 @@ class FakeClient:
         if self._broker.stalled:
             await asyncio.sleep(TIMEOUT)
             raise aiomqtt.MqttError("timed out")
+        if self._broker.breaks_at_steps and topic.endswith("steps"):
+            self._broker.break_off()
         if self._broker.cut.is_set():
             raise aiomqtt.MqttError("closed")
         correlation = getattr(properties, "CorrelationData", None)

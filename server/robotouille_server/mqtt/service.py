@@ -42,6 +42,7 @@ from robotouille_server.mqtt.stream import (
     StepRecord,
     Watches,
     encode,
+    steps_payload,
 )
 from robotouille_server.runtime.logs import get_logger
 
@@ -298,36 +299,33 @@ class BrokerService:
     async def _send_steps(self, client: BoundedClient) -> None:
         waiting = self._outbox.take_steps()
         try:
-            while accepted := self._next_steps(waiting, client):
-                await client.publish(*accepted, qos=0)
-                waiting.popleft()
-                self._metrics.mqtt_published += 1
+            while waiting:
+                await self._send_first_steps(waiting, client)
                 await asyncio.sleep(0)
         finally:
             for steps in waiting:
                 self._outbox.drop(steps)
 
-    def _next_steps(
+    async def _send_first_steps(
         self, waiting: deque[list[StepRecord]], client: BoundedClient
-    ) -> tuple[str, bytes] | None:
-        """Return the topic and payload of the first steps, after splitting or dropping large ones.
-
-        Return None if no steps are left.
-        """
-        while waiting:
-            steps = waiting[0]
-            topic, payload = self._topics.steps(steps[0].episode), self._outbox.steps_payload(steps)
-            if publish_bytes(topic, payload) <= client.largest_packet:
-                self._outbox.dropped_reported(steps[0].episode)
-                return topic, payload
+    ) -> None:
+        """Publish the first steps, or split or drop them if the broker does not accept so many."""
+        steps = waiting[0]
+        episode = steps[0].episode
+        dropped = self._outbox.dropped(episode)
+        topic, payload = self._topics.steps(episode), steps_payload(steps, dropped)
+        if publish_bytes(topic, payload) <= client.largest_packet:
+            await client.publish(topic, payload, qos=0)
             waiting.popleft()
-            middle = len(steps) // 2
-            if middle:
-                waiting.extendleft((steps[middle:], steps[:middle]))
-            else:
-                self._outbox.drop(steps)
-                self._log_too_large(client)
-        return None
+            self._outbox.dropped_reported(episode, dropped)
+            self._metrics.mqtt_published += 1
+            return
+        waiting.popleft()
+        if middle := len(steps) // 2:
+            waiting.extendleft((steps[middle:], steps[:middle]))
+        else:
+            self._outbox.drop(steps)
+            self._log_too_large(client)
 
 
 async def _publish(client: BoundedClient, message: OutgoingMessage) -> None:
