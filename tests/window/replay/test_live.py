@@ -111,6 +111,23 @@ def test_large_states_are_dropped_sooner(
     assert history.first + len(kept) == 60
 
 
+def test_missed_steps_share_the_memory_of_a_state(
+    history: LiveHistory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live, "MAX_STATE_BYTES", 10_000)
+    states = take(history, 5)
+    history.observe(StateChanged(205, states[0]))
+    assert history.first == 0
+    assert history.state(204) == states[5]
+    monkeypatch.setattr(live, "MAX_STATES", 100)
+    monkeypatch.setattr(live, "_FORGOTTEN_AT_ONCE", 100)
+    take(history, 1)
+    assert history.first == 100
+    monkeypatch.setattr(live, "MAX_STATES", 1_000)
+    take(history, 60)
+    assert len({id(history.state(step)) for step in range(267)}) <= 25
+
+
 def test_declared_waiting_is_not_idling(history: LiveHistory) -> None:
     (player,) = history.world.players
     state = history.world.initial

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 
 from robotouille.domain.rendering import Language, language_of
 from robotouille.episode import Clock, Controller
@@ -177,9 +178,11 @@ class LiveHistory(History):
         self._forget()
 
     def _keep(self, state: State, seats: tuple[SeatView, ...]) -> None:
+        # Missed steps share the state before them, which takes memory only once.
+        if state is not self._states[-1]:
+            self._state_bytes += state_bytes(state)
         self._states.append(state)
         self._seats.append(seats)
-        self._state_bytes += state_bytes(state)
 
     def _forget(self) -> None:
         """Drop the oldest states if there are too many, or if they take too much memory."""
@@ -189,7 +192,10 @@ class LiveHistory(History):
             self._forget_states(len(self._states) // 2)
 
     def _forget_states(self, count: int) -> None:
-        self._state_bytes -= sum(map(state_bytes, self._states[:count]))
+        dropped = pairwise(self._states[: count + 1])
+        self._state_bytes -= sum(
+            state_bytes(state) for state, after in dropped if state is not after
+        )
         del self._states[:count], self._seats[:count]
         self.first += count
         self._entries = defaultdict(
