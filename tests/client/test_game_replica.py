@@ -18,6 +18,9 @@ from robotouille_client.sansio.game_events import (
     Announced,
     ChatReceived,
     GameEnded,
+    GameEvent,
+    ObservationReceived,
+    RosterChanged,
     StateChanged,
     TakenStep,
 )
@@ -389,6 +392,42 @@ def test_unread_rosters_count_by_their_seats(server: ScriptedServer, game: GameR
     for _ in range(1_000):
         game.receive(messages.Roster(phase="running", seats=seats), 0.0, size=60)
     assert len(game.poll()) * len(seats) <= 1_000
+
+
+@pytest.mark.usefixtures("small_queue")
+def test_unread_observations_count_by_their_actions(
+    server: ScriptedServer, game: GameReplica
+) -> None:
+    """In MessagePack, an action of two letters takes 3 bytes, and about 60 in memory."""
+    seat = server.joined().seat
+    for step in range(20):
+        actions = [f"{number % 90 + 10}" for number in range(5_000)]
+        observation = messages.Observation(
+            episode="e", step=step, seat=seat, text="", actions=actions
+        )
+        game.receive(observation, 0.0, size=15_000)
+    kept = [event for event in game.poll() if isinstance(event, ObservationReceived)]
+    assert kept
+    assert sum(len(event.actions) for event in kept) <= 10_000
+
+
+@pytest.mark.parametrize(
+    "event",
+    [
+        ActRejected(1, 1, "a", only_words(*["no"] * 1_000), "action/invalid"),
+        ActRejected(
+            1, 1, "a", (Unmet(UnmetKind.OTHER, "", "", ("it",) * 3_000),), "action/invalid"
+        ),
+        RosterChanged("running", (), waits_for=("me",) * 3_000),
+    ],
+    ids=["reasons", "objects", "awaited seats"],
+)
+@pytest.mark.usefixtures("small_queue")
+def test_unread_lists_count_by_their_texts(event: GameEvent) -> None:
+    queue = event_queue.EventQueue()
+    for _ in range(30):
+        queue.append(event, 9_000)
+    assert 1 <= len(queue) <= 3
 
 
 def test_more_seats_than_players_are_rejected(server: ScriptedServer, game: GameReplica) -> None:

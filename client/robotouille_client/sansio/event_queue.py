@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 
-from robotouille_client.sansio.game_events import GameEvent, RosterChanged, StateChanged
+from robotouille_client.sansio.game_events import (
+    ActRejected,
+    GameEvent,
+    ObservationReceived,
+    RosterChanged,
+    StateChanged,
+)
 from robotouille_client.sansio.state_bytes import state_bytes
 
 MAX_EVENT_BYTES = 8 * 2**20
@@ -15,6 +21,10 @@ MAX_EVENT_BYTES = 8 * 2**20
 EVENT_BYTES = 400
 """Size of an event without a state, in addition to its message."""
 SEAT_BYTES = 800
+TEXT_BYTES = 60
+"""Size of a text in a list, in addition to its characters. In a message it can take one byte."""
+REASON_BYTES = 200
+"""Size of an unmet condition, in addition to its objects and characters."""
 
 
 class EventQueue:
@@ -55,6 +65,11 @@ class EventQueue:
 def _size(event: GameEvent) -> int:
     if isinstance(event, StateChanged):
         return state_bytes(event.state)
+    if isinstance(event, ObservationReceived):
+        return EVENT_BYTES + TEXT_BYTES * len(event.actions)
     if isinstance(event, RosterChanged):
-        return EVENT_BYTES + SEAT_BYTES * len(event.seats)
+        return EVENT_BYTES + SEAT_BYTES * len(event.seats) + TEXT_BYTES * len(event.waits_for)
+    if isinstance(event, ActRejected):
+        objects = sum(len(unmet.objects) for unmet in event.unmet)
+        return EVENT_BYTES + REASON_BYTES * len(event.unmet) + TEXT_BYTES * objects
     return EVENT_BYTES
