@@ -81,7 +81,7 @@ def test_later_of_two_runs_leaves_the_pack_of_the_first(
 def test_run_whose_pack_cannot_be_written_does_not_begin(tmp_path: Path) -> None:
     (tmp_path / "pack").mkdir()
     (tmp_path / "pack" / "thesis.txt").touch()
-    assert "not a pack; choose another folder" in called("run", tmp_path, *MODEL).output
+    assert "not a pack: thesis.txt; choose another folder" in called("run", tmp_path, *MODEL).output
     assert [path.name for path in tmp_path.iterdir()] == ["pack"]
 
 
