@@ -20,7 +20,7 @@ from robotouille_server.mqtt.service import (
     MAX_UNSENT,
 )
 from tests.support.brokers import FakeBroker, role_token, serving_with_broker
-from tests.support.operator import table
+from tests.support.operator import Table, table
 from tests.support.virtual_time import stand_still, virtual
 
 NAME = "robotouille/v1/lab"
@@ -198,16 +198,21 @@ async def test_messages_that_the_broker_does_not_accept_are_dropped_and_counted(
         assert [each["episode"] for each in broker.on("life")] == [small.id, large.id]
 
 
+async def queue_steps(server: Server, broker: FakeBroker, play: Table, step: int) -> None:
+    """Watch an episode, and play it up to a step while the broker is gone."""
+    watch(server, broker)
+    await asyncio.sleep(1)
+    broker.break_off(gone=True)
+    await play.until(lambda game: game.step >= step)
+
+
 @virtual
 async def test_steps_are_split_for_brokers_that_accept_small_packets(tmp_path: Path) -> None:
     async with (
         serving_with_broker(tmp_path) as (server, broker),
         table(server, max_steps=5000) as play,
     ):
-        watch(server, broker)
-        await asyncio.sleep(1)
-        broker.break_off(gone=True)
-        await play.until(lambda game: game.step >= 100)
+        await queue_steps(server, broker, play, 100)
         broker.gone, broker.largest_packet = False, 600
         before = len(broker.on("steps"))
         await asyncio.sleep(MAX_PAUSE)
@@ -227,10 +232,7 @@ async def test_other_tasks_get_a_turn_after_each_step_that_is_dropped(tmp_path: 
         serving_with_broker(tmp_path) as (server, broker),
         table(server, max_steps=5000) as play,
     ):
-        watch(server, broker)
-        await asyncio.sleep(1)
-        broker.break_off(gone=True)
-        await play.until(lambda game: game.step >= 60)
+        await queue_steps(server, broker, play, 60)
         room = server.lobby.rooms[play.episode]
         room.pause()
         queued = room.episode.step - broker.on("steps")[-1]["steps"][-1]["step"]

@@ -36,8 +36,13 @@ def _rows(names: list[str], runs: int, seconds: float) -> Iterator[Result]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; return 1 if a flood exceeded the limits."""
-    parser = argparse.ArgumentParser(prog="python -m tests.programs.floods", description=__doc__)
-    parser.add_argument("floods", nargs="*", help=f"some of: {', '.join(FLOODS)}")
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.programs.floods",
+        description=__doc__,
+        epilog="\n".join(f"{name:18} {flood.description}" for name, flood in FLOODS.items()),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("floods", nargs="*", help="some of those below; all by default")
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--seconds", type=float, default=4.0, help="length of a run")
     parser.add_argument("--attack", nargs=3, help=argparse.SUPPRESS)

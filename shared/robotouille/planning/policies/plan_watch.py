@@ -96,11 +96,15 @@ class PlanBase(NamedTuple):
     others: int
     idle: Mapping[str, int] = MappingProxyType({})
 
-    @property
-    def unused(self) -> frozenset[str]:
-        """The members who have done nothing for long next to others of the team who work."""
-        unused = frozenset(p for p, steps in self.idle.items() if steps >= UNUSED)
-        return unused if len(unused) < len(self.idle) else frozenset()
+
+def unused_members(idle: Mapping[str, int]) -> frozenset[str]:
+    """Return the members who have done nothing for long next to others of the team who work.
+
+    Args:
+        idle: The number of steps in a row for which each member has done nothing.
+    """
+    unused = frozenset(player for player, steps in idle.items() if steps >= UNUSED)
+    return unused if len(unused) < len(idle) else frozenset()
 
 
 class PlanVerdict(NamedTuple):
@@ -255,9 +259,7 @@ class PlanWatch:
         due = past.step - self.base.step >= self._retry
         if (due and self._may_see_a_way(state, teammates)) or self._stuck > patience:
             return DROP
-        # If nobody works, the team is stuck.
-        works = any(self.idle[player] < UNUSED for player in teammates.team)
-        if works and self._leaves_unused(teammates):
+        if unused_members(self.idle) and self._leaves_unused(teammates):
             return PlanVerdict(unused=True)
         # Meddling may have changed what the plan needs, so a free way is not enough.
         if self.assumption is not Assumption.OTHERS_ASIDE or self._meddled:

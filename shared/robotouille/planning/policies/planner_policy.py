@@ -41,6 +41,7 @@ from robotouille.planning.policies.plan_watch import (
     Situation,
     facts_about,
     situation,
+    unused_members,
 )
 from robotouille.planning.policies.policy import Did, Script, Speech, does_something
 from robotouille.planning.policies.standing import (
@@ -460,7 +461,7 @@ class PlannerPolicy:
                 tried=tried,
                 working=working,
                 rest=self._rest if aim is self._pursued else None,
-                unused=base.unused if self._hurried else (),
+                unused=unused_members(base.idle) if self._hurried else (),
             )
 
         aims = [self._aim(goal) for goal in self._agenda.goals(base.state)]
