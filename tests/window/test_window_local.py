@@ -39,7 +39,7 @@ from robotouille_client.window.app.local_game import (
 )
 from robotouille_client.window.app.replays_menu import recent_recordings
 from robotouille_client.window.drawing.side_panel.seat_cards import status
-from robotouille_client.window.sources.feedback import Blockages, ChatLog, Feedback
+from robotouille_client.window.sources.feedback import Blockages, ChatLog, Feedback, Step
 from robotouille_client.window.sources.local import LocalSeats, LocalSource
 from robotouille_client.window.view import NEWS, Bubble
 
@@ -255,7 +255,8 @@ def test_a_player_who_does_something_else_is_not_marked_any_more() -> None:
     assert blockages.at(world.initial) == ((one, there, other),)
     done = next(action for action in world.initial.actions(one) if action.destination)
     state = world.initial.step(done).state
-    blockages.stepped([(one, done, True)], (), state)
+    wording = Wording(world, NO_WORDS)
+    blockages.stepped(Step(world.initial, state, [(one, done, True)]), wording)
     assert blockages.at(state) == ()
 
 
@@ -300,9 +301,9 @@ def test_an_announcement_ends_when_another_player_takes_the_thing() -> None:
     take = next(a for a in before.actions("robot1") if "lettuce1" in a.arguments)
     said = ChatPosted("Pia", "robot2", "Next: pick up the lettuce", 0.0)
     feedback.show_speech(said, "robot2", before, wording)
-    feedback.stepped(world.initial, before, wording)
+    feedback.stepped(Step(world.initial, before), wording)
     assert chat.bubbles
-    feedback.stepped(before, before.step(take).state, wording)
+    feedback.stepped(Step(before, before.step(take).state), wording)
     assert chat.bubbles == ()
 
 
@@ -317,6 +318,49 @@ def test_a_signal_is_shown_with_what_it_points_at() -> None:
     assert chat.bubbles, "signals stay longer than other messages"
     timer.now += 2.0
     assert not chat.bubbles
+
+
+def test_a_request_is_no_longer_shown_once_it_is_met() -> None:
+    timer, world = Timer(), World("multi_agent/01")
+    wording, chat = Wording(world, language_of(world.task)), ChatLog(timer)
+    feedback = Feedback(chat, Blockages(timer))
+    start = world.initial
+    here = standing_at(start, "robot1") or ""
+    leave = next(a for a in start.actions("robot1") if a.destination == "table6")
+    after = start.step(leave).state
+    need = ChatPosted("Pia", "robot2", "I need it", 0.0, 1, "need", here)
+    feedback.show_speech(need, "robot2", start, wording)
+    feedback.stepped(Step(start, start), wording)
+    assert chat.bubbles, "the station is still occupied"
+    feedback.stepped(Step(start, after, [("robot1", leave, True)]), wording)
+    assert chat.bubbles == ()
+    feedback.show_speech(need, "robot2", after, wording)
+    feedback.stepped(Step(after, after), wording)
+    assert chat.bubbles, "a player may point at a free station"
+
+
+def test_an_action_that_somebody_asked_for_is_asked_for_until_it_is_done() -> None:
+    timer, world = Timer(), World("multi_agent/01")
+    wording, blockages = Wording(world, language_of(world.task)), Blockages(timer)
+    walk = next(a for a in world.initial.actions("robot1") if a.destination == "table6")
+    before = world.initial.step(walk).state
+    take = next(a for a in before.actions("robot1") if "lettuce1" in a.arguments)
+    asked = "Can you pick up the lettuce?"
+    blockages.said("robot2", asked, None, before, wording)
+    assert blockages.at(before) == (("robot2", "", "robot1"),)
+    blockages.stepped(Step(before, before, [("robot1", take, False)]), wording)
+    assert blockages.at(before), "the action was rejected"
+    after = before.step(take).state
+    blockages.stepped(Step(before, after, [("robot1", take, True)]), wording)
+    assert blockages.at(after) == ()
+
+
+def test_requests_end_with_the_game_and_thanks_stay() -> None:
+    chat = ChatLog(Timer())
+    chat.said("Pia", "robot2", "I need it", Signal(Intent.NEED, "stove1"))
+    chat.said("Ada", "robot1", "Thanks", Signal(Intent.THANKS))
+    chat.ended()
+    assert [bubble.player for bubble in chat.bubbles] == ["robot1"]
 
 
 def test_a_request_for_a_station_lasts_while_standing_still() -> None:
@@ -350,10 +394,11 @@ def test_a_request_comes_back_after_short_work_only() -> None:
     work = next(action for action in world.ground_actions(one) if action.destination is None)
     blockages.said(one, "I need it", Signal(Intent.NEED, there), world.initial, wording)
     for seconds, shown in (10.0, ((one, there, other),)), (31.0, ()):
-        blockages.stepped([(one, work, True)], (), world.initial)
+        worked = Step(world.initial, world.initial, [(one, work, True)])
+        blockages.stepped(worked, wording)
         assert blockages.at(world.initial) == ()
         timer.now += seconds
-        blockages.stepped([], (one,), world.initial)
+        blockages.stepped(Step(world.initial, world.initial, waits=(one,)), wording)
         assert blockages.at(world.initial) == shown
 
 

@@ -9,12 +9,20 @@ from functools import partial
 
 from robotouille.episode import ChatPosted
 from robotouille.planning.policies.team_talk import (
+    appeal,
     appealed,
     next_intention,
     requested,
 )
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.presentation.signals import Intent, Signal, named, signal_fault, signal_text
+from robotouille.world.presentation.signals import (
+    Intent,
+    Signal,
+    is_outdated,
+    named,
+    signal_fault,
+    signal_text,
+)
 from robotouille.world.presentation.unserved import unserved
 from robotouille.world.presentation.wording import Wording
 from robotouille.world.presentation.work import Occupancy
@@ -42,13 +50,31 @@ It is longer because a request is deliberate, and answering it can take a walk a
 class _Request:
     """Request to `whom` to leave a station or, without a station, to do something.
 
-    `stood` is the station where the player asked, or last said to be waiting.
+    `stood` is the station where the player asked, or last said to be waiting; `text` is the
+    message.
     """
 
     station: str
     whom: str
     until: float
     stood: str | None
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step of a game.
+
+    Attributes:
+        before: State before the step; None if it is not known.
+        did: (player, action, applied) for each player.
+        waits: Players that said they wait.
+    """
+
+    before: State | None
+    after: State
+    did: Sequence[tuple[str, GroundAction | None, bool]] = ()
+    waits: Collection[str] = ()
 
 
 class Blockages:
@@ -79,7 +105,7 @@ class Blockages:
             asked = [] if whom is None else [("", whom)]
         if asked:
             until, stood = self._now() + ASKED_SECONDS, placed[player].at
-            self._requests[player] = tuple(_Request(*each, until, stood) for each in asked)
+            self._requests[player] = tuple(_Request(*each, until, stood, text) for each in asked)
 
     def refused(self, player: str, unmet: Iterable[Unmet], state: State) -> None:
         """Read the reasons of a rejected action for a station that another player occupies."""
@@ -90,30 +116,43 @@ class Blockages:
             if station is not None and {*rules.players_at(state, station)} - {player}:
                 self._waits[player, station] = self._now() + BLOCKED_SECONDS
 
-    def stepped(
-        self,
-        did: Iterable[tuple[str, GroundAction | None, bool]],
-        waits: Collection[str],
-        state: State,
-    ) -> None:
-        """Update requests after a step: (player, action, applied) in `did`, waiting in `waits`."""
-        placed, now = scene(state), self._now()
+    def stepped(self, step: Step, wording: Wording) -> None:
+        """Update requests after a step."""
+        placed, now = scene(step.after), self._now()
+        self._settle(step, wording)
         # A player who works at something does not need the request now. A walk alone proves
         # nothing: players step aside while they wait.
-        for player, action, applied in did:
+        for player, action, applied in step.did:
             if applied and action is not None:
                 self._waits = {wait: t for wait, t in self._waits.items() if wait[0] != player}
                 if action.destination is None and player in self._requests:
                     self._earlier[player] = self._requests.pop(player)
         # Bots that wait say so in each step, which renews their requests. They do not ask again
         # after other work.
-        for player in {*waits} & self._earlier.keys():
+        for player in {*step.waits} & self._earlier.keys():
             again = tuple(each for each in self._earlier.pop(player) if each.until > now)
             self._requests.setdefault(player, again)
-        for player in {*waits} & self._requests.keys():
+        for player in {*step.waits} & self._requests.keys():
             self._requests[player] = tuple(
                 replace(each, until=now + ASKED_SECONDS, stood=placed[player].at)
                 for each in self._requests[player]
+            )
+
+    def _settle(self, step: Step, wording: Wording) -> None:
+        """Remove the requests to do what has been done in a step."""
+        before = step.before
+        if before is None:
+            return
+        asked = {each.whom for requests in self._requests.values() for each in requests}
+        # Whoever does it, nobody has to do it any more.
+        done = {
+            appeal(action, before, wording).casefold()
+            for _, action, applied in step.did
+            if asked and applied and action is not None
+        }
+        for player, requests in self._requests.items():
+            self._requests[player] = tuple(
+                each for each in requests if each.text.casefold() not in done
             )
 
     def at(self, state: State) -> tuple[tuple[str, str, str], ...]:
@@ -176,8 +215,8 @@ class ChatLog:
 
     def __init__(self, now: Callable[[], float]) -> None:
         self._now = now
-        self._bubbles: list[tuple[float, Bubble]] = []
-        """Bubbles, and until when they are shown."""
+        self._bubbles: list[tuple[float, Bubble, Signal | None]] = []
+        """Bubbles, until when they are shown, and the signals that some of them show."""
         self._lines: deque[tuple[str, str, int]] = deque(maxlen=CHAT_LINES)
         """Speakers, texts, and the number of times of each."""
         self._notice = self._about = ""
@@ -215,7 +254,8 @@ class ChatLog:
             return
         if signal is not None:
             words, shown = signal_words(signal.intent), (signal.target,) if signal.target else ()
-            self._add(Bubble(player, words, "chat", shown, signal.target), SIGNAL_SECONDS)
+            bubble = Bubble(player, words, "chat", shown, signal.target)
+            self._add(bubble, SIGNAL_SECONDS, signal)
         else:
             # Pictures say what is next.
             words = "" if things else announced or text
@@ -258,9 +298,27 @@ class ChatLog:
         if about == self._about:
             self._notice = ""
 
-    def things_taken(self, before: State, state: State) -> None:
+    def stepped(self, before: State, state: State) -> None:
+        """Remove the bubbles that a step has outdated."""
+        self._bubbles = [
+            (until, bubble, signal) for until, bubble, signal in self._bubbles
+            if signal is None
+            or not is_outdated(signal, bubble.player, state)
+            # People also point at what is free.
+            or is_outdated(signal, bubble.player, before)
+        ]  # fmt: skip
+        self._remove_announcements(before, state)
+
+    def ended(self) -> None:
+        """Remove the bubbles about work, which the end of the game has outdated."""
+        self._bubbles = [
+            (until, bubble, signal) for until, bubble, signal in self._bubbles
+            if (signal.intent is Intent.THANKS if signal else not bubble.things)
+        ]  # fmt: skip
+
+    def _remove_announcements(self, before: State, state: State) -> None:
         """Remove announcements of actions with things that other players have just taken."""
-        announced = [bubble for _, bubble in self._bubbles if bubble.things and not bubble.target]
+        announced = [each for _, each, signal in self._bubbles if each.things and signal is None]
         # This runs in every step. In most steps nothing is announced, so skip computing the scene.
         if not announced:
             return
@@ -276,15 +334,17 @@ class ChatLog:
         ]  # fmt: skip
         self._bubbles = [row for row in self._bubbles if row[1] not in outdated]
 
-    def _add(self, bubble: Bubble, seconds: float = BUBBLE_SECONDS) -> None:
+    def _add(
+        self, bubble: Bubble, seconds: float = BUBBLE_SECONDS, signal: Signal | None = None
+    ) -> None:
         # Two bubbles over one player would overlap, so the newest replaces the last.
-        kept = [(until, b) for until, b in self._bubbles if b.player != bubble.player]
-        self._bubbles = [*kept, (self._now() + seconds, bubble)]
+        kept = [row for row in self._bubbles if row[1].player != bubble.player]
+        self._bubbles = [*kept, (self._now() + seconds, bubble, signal)]
 
     @property
     def bubbles(self) -> tuple[Bubble, ...]:
         now = self._now()
-        return tuple(bubble for until, bubble in self._bubbles if now < until)
+        return tuple(bubble for until, bubble, _ in self._bubbles if now < until)
 
     @property
     def lines(self) -> tuple[tuple[str, str], ...]:
@@ -319,11 +379,13 @@ class Feedback:
         self.chat_log.rejected(player, unmet, text)
         self.blockages.refused(player, unmet, state)
 
-    def stepped(self, before: State | None, state: State, wording: Wording) -> None:
+    def stepped(self, step: Step, wording: Wording) -> None:
         """Update what is shown after a step."""
+        self.blockages.stepped(step, wording)
+        before, state = step.before, step.after
         if before is None:
             return
-        self.chat_log.things_taken(before, state)
+        self.chat_log.stepped(before, state)
         if state.orders is not None:
             self._show_unserved(before, state, wording)
 

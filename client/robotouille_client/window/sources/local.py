@@ -28,7 +28,7 @@ from robotouille.world.presentation.wording import Wording
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
 from robotouille_client.bots.partners import Decision, Partners
-from robotouille_client.window.sources.feedback import Blockages, ChatLog, Feedback
+from robotouille_client.window.sources.feedback import Blockages, ChatLog, Feedback, Step
 from robotouille_client.window.sources.texts import (
     clock_words,
     outcome_words,
@@ -256,8 +256,8 @@ class LocalSource(GameSource):
                         (move.player, move.action, attempt.applied)
                         for move, attempt in zip(event.moves, event.attempts, strict=True)
                     ]
-                    self._blockages.stepped(did, event.waits, event.state)
-                    self._feedback.stepped(event.before, event.state, self._wording)
+                    step = Step(event.before, event.state, did, event.waits)
+                    self._feedback.stepped(step, self._wording)
                     self._partners.observe(did)
                 case ActionRejected():
                     why = event.player, event.action, event.unmet
@@ -266,6 +266,7 @@ class LocalSource(GameSource):
                     self._show_speech(event)
                 case EpisodeEnded():
                     self._step_time = self._now()
+                    self._chat_log.ended()
                 case _:
                     pass
 

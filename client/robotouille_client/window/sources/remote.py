@@ -26,7 +26,7 @@ from robotouille_client.sansio.game_events import (
     RosterChanged,
     StateChanged,
 )
-from robotouille_client.window.sources.feedback import Blockages, ChatLog, Feedback
+from robotouille_client.window.sources.feedback import Blockages, ChatLog, Feedback, Step
 from robotouille_client.window.sources.playout import Playout, ShownStep
 from robotouille_client.window.sources.texts import (
     clock_words,
@@ -162,8 +162,8 @@ class RemoteSource(GameSource):
                 case StateChanged():
                     self._take_step(event)
                     self._show_rejections(event)
-                    self._blockages.stepped(event.did, event.waits, event.state)
-                    self._feedback.stepped(event.previous, event.state, self._wording)
+                    step = Step(event.previous, event.state, event.did, event.waits)
+                    self._feedback.stepped(step, self._wording)
                 case ActRejected() if game.seat:
                     why = game.seat, event.action, event.unmet
                     self._feedback.show_rejection(*why, game.state, self._wording)
@@ -182,6 +182,7 @@ class RemoteSource(GameSource):
                     self._chat_log.announced(event.text)
                 case GameEnded() if event.outcome:
                     self._ended_at = self._now()
+                    self._chat_log.ended()
                 case GameEnded():
                     self._farewell = farewell(event.code, event.reason)
                 case _:
