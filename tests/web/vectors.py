@@ -50,7 +50,7 @@ WAYS = tuple(DIRECTIONS.values())
 KEYS = ("", "e", "space")
 STEPS = 40
 """Steps of one game."""
-PRESSED = ("click", "click", "walk", "walk", "use", "key", "release", "tick", "pick")
+PRESSED = ("click", "click", "walk", "walk", "use", "use", "use", "key", "release", "tick", "pick")
 PRESSES = 60
 """Inputs of the person who goes on with a game at its end."""
 
@@ -281,9 +281,7 @@ class _Person(GameSource):
 
     def _press(self) -> dict[str, Any]:
         rng, window, view = self._rng, self._input, self.view()
-        kind = rng.choice(
-            ("click", "click", "walk", "walk", "use", "key", "release", "tick", "pick")
-        )
+        kind = rng.choice(PRESSED)
         value: str | int = ""
         notice = ""
         if kind == "click":

@@ -34,6 +34,7 @@ from robotouille_client.window.input.commands import DIRECTIONS, Command, KeyMap
 from robotouille_client.window.input.controls import Controls, possible, towards
 from robotouille_client.window.input.input_controller import (
     CHANGED,
+    CONFIRM_SECONDS,
     GUARD_SECONDS,
     PATIENCE_SECONDS,
     QUICK_SECONDS,
@@ -203,6 +204,28 @@ def test_one_press_too_many_does_not_undo_the_work() -> None:
     for action in ("place-item", "pick-up-item"):
         table.click(table.here() or "")
         assert table.press()[-1] == action, "a click is not guarded"
+
+
+def test_a_single_press_takes_no_dish_apart() -> None:
+    table = Table(Script(World("synchronous/01")))
+    for line in load_certificate("synchronous/01").plan or ():
+        action = table.source.world.parse(table.source.state, table.source.me, line)
+        table.click(goes_to(action) or table.here() or "")
+        if action.name == "stack":
+            break
+    dish, built = table.here() or "", len(table.source.acted)
+    table.timer.now += 10.0
+    assert len(table.press(pygame.K_e)) == built, "the cheese stays on the bread"
+    assert "press again to take it off" in table.overlay().prompt
+    table.timer.now += CONFIRM_SECONDS
+    assert len(table.press(pygame.K_e)) == built, "the first press was too long ago"
+    table.timer.now += QUICK_SECONDS
+    assert table.press(pygame.K_e)[built:] == ["unstack"]
+    table.timer.now += 10.0
+    assert table.press(pygame.K_e)[-1] == "stack"
+    table.timer.now += 10.0
+    table.click(dish)
+    assert table.press()[-1] == "unstack", "a click needs no second one"
 
 
 def test_the_use_key_does_not_interrupt_cooking() -> None:
@@ -632,28 +655,28 @@ def test_a_waiting_key_does_only_what_it_meant(changes: bool) -> None:
     me, other = world.players
     table = Table(Script(world, me, slow=True))
 
-    def act(name: str, thing: str) -> None:
+    def act(name: str, thing: str, player: str = other) -> None:
         state = table.source.state
-        named = (a for a in state.actions(other) if a.name == name and thing in a.arguments)
+        named = (a for a in state.actions(player) if a.name == name and thing in a.arguments)
         table.source.states.append(state.step(next(named)).state)
         table.window.frame(table.source)
 
-    act("move", "table4")
-    act("pick-up-item", "patty1")
+    act("move", "table4", me)
+    act("pick-up-item", "patty1", me)
     act("move", "table6")
     table.click("table6")
     reject(table)
     table.timer.now += 1.0
     table.press(pygame.K_e)
     if changes:
-        act("stack", "patty1")
+        act("pick-up-item", "table6")
     act("move", "table7")
     table.window.frame(table.source)
     table.step()
     assert table.here() == "table6"
     table.window.frame(table.source)
     done = [action.name for action in table.source.acted[2:]]
-    assert done == ([] if changes else ["pick-up-item"])
+    assert done == ([] if changes else ["stack"])
     assert table.overlay().prompt == (CHANGED.format("E") if changes else "")
 
 

@@ -333,6 +333,8 @@ WAIT = "wait until it is done, or click to take it"
 EARLY = "before it is done"
 HOLDS = "shares_tile"
 """Layout rule of the predicates that say who carries what."""
+STACKED = "next_in_stack"
+"""Layout rule of the predicates that say what lies on what."""
 
 
 def possible(state: State, me: str) -> tuple[GroundAction, ...]:
@@ -368,6 +370,24 @@ def takes(state: State, me: str, action: GroundAction) -> bool:
     """Return whether an action puts something into a player's hands."""
     after = facts_after(state, action)
     return bool(_carried(state, me, after) - _carried(state, me, state.facts))
+
+
+def takes_apart(state: State, action: GroundAction) -> bool:
+    """Return whether an action separates two things that may belong together in a dish."""
+    world = state.world
+    stacks = {rule.predicate for rule in world.task.domain.layout or () if rule.when == STACKED}
+    removed = (world.table.atoms[bit] for bit in bits_of(action.removed & state.facts))
+    pairs = [{world.thing(name).kind for name in atom[1:]} for atom in removed if atom[0] in stacks]
+    # Equal things are a supply.
+    pairs = [kinds for kinds in pairs if len(kinds) > 1]
+    if not pairs:
+        return False
+    dishes = [] if world.shift is None else [world.shift.goal(name) for name in world.shift.menu]
+    return any(
+        kinds <= {variable.kind for variable in goal.variables.values()}
+        for goal in (world.goal, *dishes)
+        for kinds in pairs
+    )
 
 
 def facts_after(state: State, action: GroundAction) -> int:

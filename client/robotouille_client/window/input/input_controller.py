@@ -26,6 +26,7 @@ from robotouille_client.window.input.controls import (
     facts_after,
     handled,
     possible,
+    takes_apart,
     use,
     walk,
 )
@@ -57,6 +58,8 @@ class InputController:
         self._held_since = 0.0
         self._walker: Controls | None = None
         self._used_at: float | None = None
+        self._apart: tuple[GroundAction, float] | None = None
+        """Action that takes a dish apart and awaits a second press, and when it was declined."""
 
     # Input. Each method returns a notice for the player, or "".
 
@@ -78,10 +81,17 @@ class InputController:
         """Handle the use key, which does the most useful action here."""
         label = key_words(key) if key else "use"
         there = key not in controls.keys or controls.is_for_places(key)
-        resolve = partial(self._resolve_guarded, controls, key, self._repeats_use)
+        confirmed, self._apart = self._confirmed, None
+        resolve = partial(self._resolve_guarded, controls, key, self._repeats_use, confirmed)
         self._used_at = self._clock()
         # The action is chosen when its turn comes, because the state may change until then.
         return self.queue.ask(Intent(label, resolve, follows=there), source, view)
+
+    @property
+    def _confirmed(self) -> GroundAction | None:
+        """Action that takes a dish apart and was declined a moment ago."""
+        recent = self._apart and self._clock() - self._apart[1] < CONFIRM_SECONDS
+        return self._apart[0] if self._apart and recent else None
 
     @property
     def _repeats_use(self) -> bool:
@@ -94,14 +104,23 @@ class InputController:
         return self.queue.just_used(self._repeats_use)
 
     def _resolve_guarded(
-        self, controls: Controls, key: str, repeats: bool, view: View
+        self,
+        controls: Controls,
+        key: str,
+        repeats: bool,
+        confirmed: GroundAction | None,
+        view: View,
     ) -> ResolvedInput:
-        """Resolve the use key, so that one press too many does not undo the last action."""
+        """Resolve the use key, so that one press too many does not undo any work."""
         resolved, me = _resolve_use(controls, key, view), view.me or ""
         if resolved.action is None or not resolved.valid:
             return resolved
-        again = handled(view.state, me, resolved.action) & self.queue.just_used(repeats)
-        return ResolvedInput(None, GUARDED) if again else resolved
+        if handled(view.state, me, resolved.action) & self.queue.just_used(repeats):
+            return ResolvedInput(None, GUARDED)
+        if resolved.action != confirmed and takes_apart(view.state, resolved.action):
+            self._apart = resolved.action, self._clock()
+            return ResolvedInput(None, PART_OF_DISH)
+        return resolved
 
     def walk(self, controls: Controls, command: Command, source: GameSource, view: View) -> str:
         """Handle a direction key, which counts as held until `release`."""
@@ -190,9 +209,12 @@ class InputController:
         """
         if self.queue.awaited is not None:
             return True
-        repeats = self._repeats_use
-        resolved = self._resolve_guarded(controls, "", repeats, view) if self.guarded else None
-        return resolved is not None and resolved.hint == GUARDED
+        if not (guarded := self.guarded):
+            return False
+        state, me, resolved = view.state, view.me or "", _resolve_use(controls, "", view)
+        if resolved.action is None or not resolved.valid:
+            return False
+        return bool(handled(state, me, resolved.action) & guarded)
 
     def hints(self, controls: Controls, state: State, me: str) -> tuple[tuple[str, str], ...]:
         """Return rows of (key, what it does now), the most useful first.
@@ -273,6 +295,9 @@ SHOWN_SECONDS = 0.5
 GUARD_SECONDS = 1.0
 """Time after an action in which the use key does not undo it."""
 GUARDED = "done; to move it again, wait a second or click"
+CONFIRM_SECONDS = 3.0
+"""Time between two presses of the use key that take a dish apart together."""
+PART_OF_DISH = "this is part of a dish; press again to take it off"
 CHANGED = "Something changed here in the meantime, so {} did nothing"
 """Notice for an input that would now do something else than when it was given."""
 PATIENCE_SECONDS = 6.0

@@ -316,6 +316,25 @@ export function handled(state, me, action) {
   return new Set([...before, ...after].filter((name) => before.has(name) !== after.has(name)));
 }
 
+/**
+ * Return whether an action separates two things that may belong together in a dish.
+ * @param {State} state @param {Action} action
+ */
+export function takesApart(state, action) {
+  const { goal, problem, when } = state.task;
+  const apart = changes(state, action).removed.filter(
+    ([predicate]) => when.get(predicate) === "next_in_stack");
+  const pairs = apart.map(([, ...names]) => names.map((name) => state.kindOf(name)));
+  /** @type {{goal: import("./task.js").Term[]}[]} */
+  const dishes = [{ goal }, ...Object.values(problem.shift?.menu ?? {})];
+  return pairs.some(([one, other]) =>
+    // Equal things are a supply.
+    one !== other && dishes.some(({ goal: terms }) => {
+      const kinds = terms.flatMap(({ args }) => args);
+      return kinds.includes(one) && kinds.includes(other);
+    }));
+}
+
 /** Return whether an action does nothing, such as waiting. @param {Action} action */
 export function isIdle(action) {
   return !action.schema.definition.immediate_fx.length && !labelsOf(action).length;

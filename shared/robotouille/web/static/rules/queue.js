@@ -27,7 +27,7 @@
  *   is repeated until a time.
  */
 import { changes, unmet, validActions } from "./actions.js";
-import { handled, isIdle, keyWords, WAIT } from "./controls.js";
+import { handled, isIdle, keyWords, takesApart, WAIT } from "./controls.js";
 import { capitalised } from "./words.js";
 import { preparationOf } from "./work.js";
 
@@ -42,6 +42,9 @@ const QUICK_SECONDS = 0.4;
 const SHOWN_SECONDS = 0.5;
 /** Time in which the use key does not take up or put down what the last action was about. */
 const GUARD_SECONDS = 1.0;
+/** Time between two presses of the use key that take a dish apart together. */
+const CONFIRM_SECONDS = 3.0;
+const PART_OF_DISH = "this is part of a dish; press again to take it off";
 const GUARDED = "done; to move it again, wait a second or click";
 /**
  * Time for which a walk to an occupied station is retried. Cutting takes about three seconds, after
@@ -69,6 +72,11 @@ export class ActionQueue {
     this._untold = "";
     /** @type {number | null} When the use key was pressed last. */
     this._usedAt = null;
+    /**
+     * @type {{key: string, time: number} | null} Action that takes a dish apart and awaits a second
+     *   press, and when it was declined.
+     */
+    this._apart = null;
     this._tickedAt = game.now();
     /** @type {{key: string, since: number, intent: Intent} | null} The direction that is held. */
     this._held = null;
@@ -106,11 +114,12 @@ export class ActionQueue {
   use(controls, key, view) {
     const follows = !controls.keys.includes(key) || controls.isForPlaces(key);
     // The action is chosen when its turn comes, because the state may change until then.
-    const repeats = this._repeatsUse;
+    const presses = { repeats: this._repeatsUse, confirmed: this._confirmed };
+    this._apart = null;
     this._usedAt = this._game.now();
     /** @type {Intent["resolve"]} */
     const resolve = (state, me, moment) =>
-      this._guarded(controls, key, repeats, state, me, moment);
+      this._guarded(controls, key, presses, state, me, moment);
     return this.ask({ label: key ? keyWords(key) : "use", resolve, follows }, view);
   }
 
@@ -159,6 +168,12 @@ export class ActionQueue {
     const sent = this._sent;
     const shown = sent && (sent.fate === "asked" || this._game.now() - sent.time <= SHOWN_SECONDS);
     return shown ? sent : null;
+  }
+
+  /** Key of the action that takes a dish apart and was declined a moment ago. */
+  get _confirmed() {
+    const declined = this._apart;
+    return declined && this._game.now() - declined.time < CONFIRM_SECONDS ? declined.key : "";
   }
 
   /** True shortly after the use key, when another press may be one too many. */
@@ -346,12 +361,13 @@ export class ActionQueue {
   }
 
   /**
-   * Resolve the use key, so that one press too many does not undo the last action. In games that
-   * wait for decisions, waiting is one of them.
-   * @param {Controls} controls @param {string} key @param {boolean} repeats
+   * Resolve the use key, so that one press too many does not undo any work. In games that wait for
+   * decisions, waiting is one of them.
+   * @param {Controls} controls @param {string} key
+   * @param {{repeats: boolean, confirmed: string}} presses The presses before this one.
    * @param {State} state @param {string} me @param {View} view @returns {Resolved}
    */
-  _guarded(controls, key, repeats, state, me, view) {
+  _guarded(controls, key, { repeats, confirmed }, state, me, view) {
     let resolved = controls.use(state, me, key);
     if (resolved.hint === WAIT && (view.stepSeconds ?? null) === null) {
       const wait = controls.possible(state, me).find(isIdle) ?? null;
@@ -360,7 +376,11 @@ export class ActionQueue {
     if (!resolved.action || !resolved.valid) return resolved;
     const used = this._justUsed(repeats);
     const again = [...handled(state, me, resolved.action)].some((name) => used.has(name));
-    return again ? { action: null, hint: GUARDED, valid: false, advice: false } : resolved;
+    if (again) return { action: null, hint: GUARDED, valid: false, advice: false };
+    const { key: declined } = resolved.action;
+    if (declined === confirmed || !takesApart(state, resolved.action)) return resolved;
+    this._apart = { key: declined, time: this._game.now() };
+    return { action: null, hint: PART_OF_DISH, valid: false, advice: false };
   }
 }
 
