@@ -7,6 +7,8 @@ import random
 import pytest
 
 from robotouille import Sight, State, UnknownNameError, World, WrongArgumentError, seen_by
+from robotouille.certification.certificate import load_certificate
+from robotouille.planning.plan import read_plan
 from robotouille.world.scene import scene
 from robotouille.world.sight import PART_OF_KITCHEN
 from tests.support.samples import quick_sample
@@ -58,6 +60,19 @@ def test_things_out_of_sight_show_nothing_that_changes(name: str, sight: Sight) 
             assert set(state.actions(player)) <= set(seen.actions)
             assert {scene(state)[player].at, player} <= seen.things
     assert hidden_once
+
+
+def test_what_is_added_to_a_soup_is_as_far_away_as_the_soup() -> None:
+    world, sight, added = World("multi_agent/07@2"), Sight(1, blocked=True), 0
+    state = world.initial
+    for joint in read_plan("\n".join(load_certificate("multi_agent/07@2").plan or ()), world):
+        state = state.step(joint).state
+        soups = [(a[1], a[2]) for a in state.atoms() if a[0] == "addedto"]
+        for player in world.players:
+            things = seen_by(state, player, sight).things
+            assert all((item in things) == (soup in things) for item, soup in soups)
+            added += sum(soup not in things for _, soup in soups)
+    assert added, "no player was out of sight of the soup"
 
 
 def test_players_are_offered_walks_to_hidden_stations_but_no_work_on_hidden_things() -> None:

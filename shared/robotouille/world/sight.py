@@ -16,7 +16,7 @@ from robotouille.domain.schema import Condition
 from robotouille.errors import UnknownNameError, WrongArgumentError
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.grounding.objects import Atom, Object, Tile, bound
-from robotouille.world.scene import scene
+from robotouille.world.scene import Placed, scene
 from robotouille.world.text import conditions_text, observation, orders_text, text_view
 from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille.world.world import State, World
@@ -263,13 +263,25 @@ def _in_sight(state: State, player: str, sight: Sight) -> Iterator[str]:
     """Yield the objects that a player sees: also its own station and what it holds."""
     placed = scene(state)
     me, stations = placed[player], state.world.floor.blocked
+    vessels = {inner: name for name, each in placed.items() for inner in each.contents}
     for name, thing in placed.items():
         own = name in (player, me.at) or player in (name, thing.host)
-        if own or me.tile is None or thing.tile is None or (
-            sight.reaches(me.tile, thing.tile, stations)
-            or (me.at is not None and thing.tile == placed[me.at].tile)
+        tile = _tile(name, placed, vessels)
+        if own or me.tile is None or tile is None or (
+            sight.reaches(me.tile, tile, stations)
+            or (me.at is not None and tile == placed[me.at].tile)
         ):  # fmt: skip
             yield name
+
+
+def _tile(name: str, placed: Mapping[str, Placed], vessels: Mapping[str, str]) -> Tile | None:
+    """Return the tile of a thing, or that of what it has been added to, as to a soup."""
+    # The loop is bounded because custom domains can have cyclic relations.
+    for _ in range(len(placed)):
+        if placed[name].tile is not None or name not in vessels:
+            break
+        name = vessels[name]
+    return placed[name].tile
 
 
 def _seemingly_valid(state: State, player: str, doubtful: int) -> Iterator[GroundAction]:
