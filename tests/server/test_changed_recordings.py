@@ -15,7 +15,7 @@ from structlog.testing import capture_logs
 from robotouille import World
 from robotouille.episode import Clock, Episode, Rules
 from robotouille.protocol import messages
-from robotouille.replay.container import frame_ends
+from robotouille.replay.container import MAX_FILE, frame_ends
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_client import Game, connect
@@ -251,3 +251,12 @@ async def test_recording_of_an_ended_episode_is_not_inspected(
         await server.lobby.closed()
         assert len(looked) == 1
         assert [file.name for file in folder.iterdir()] == [looked[0].name]
+
+    @virtual
+    async def test_file_that_is_too_large_is_not_restored(self, tmp_path: Path) -> None:
+        name, content = begun()
+        (tmp_path / name).write_bytes(content)
+        os.truncate(tmp_path / name, MAX_FILE + 1)
+        async with serving(tmp_path) as server:
+            assert not server.lobby.rooms
+            assert "larger than 256 MiB" in server.lobby.unrestored[name]

@@ -20,6 +20,7 @@ from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
 from robotouille.errors import RobotouilleError
+from robotouille.files.reading import read_text
 from robotouille_server.auth import read_private
 from robotouille_server.mqtt.client import BoundedClient
 from robotouille_server.mqtt.messages import MAX_PACKET_BYTES
@@ -127,14 +128,18 @@ def _password(settings: ServerSettings) -> str | None:
 
 
 def _tls(settings: ServerSettings) -> ssl.SSLContext:
+    ca = settings.mqtt_ca
     try:
-        context = ssl.create_default_context(cafile=settings.mqtt_ca)
+        # Given the path, the library would wait for ever at a named pipe.
+        context = ssl.create_default_context(cadata=None if ca is None else read_text(ca))
         # The first handshake has a thread of its own; another one would block the event loop, with
         # numbers of the broker's choice for seconds.
         context.options |= ssl.OP_NO_RENEGOTIATION
         return context
+    except UnicodeDecodeError:
+        raise RobotouilleError(f"--mqtt-ca: {ca} is not a certificate in PEM") from None
     except OSError as error:  # SSLError is an OSError.
-        raise RobotouilleError(f"--mqtt-ca: {settings.mqtt_ca}: {error.strerror}") from None
+        raise RobotouilleError(f"--mqtt-ca: {ca}: {error.strerror}") from None
 
 
 def server_name(settings: ServerSettings, worker: WorkerSlot, port: int) -> str:

@@ -9,6 +9,7 @@ from urllib.parse import SplitResult, urlsplit
 
 from robotouille.errors import RobotouilleError
 from robotouille.files.private import read_private
+from robotouille.files.reading import read_text
 
 if TYPE_CHECKING:
     import ssl
@@ -104,6 +105,9 @@ def _tls(ca: Path | None) -> ssl.SSLContext:
     import ssl  # It imports sockets, which other users of the core do not need.
 
     try:
-        return ssl.create_default_context(cafile=ca)
-    except (OSError, ssl.SSLError) as error:
+        # Given the path, the library would wait for ever at a named pipe.
+        return ssl.create_default_context(cadata=None if ca is None else read_text(ca))
+    except UnicodeDecodeError:
+        raise RobotouilleError(f"--cluster-ca: {ca} is not a certificate in PEM") from None
+    except OSError as error:  # SSLError is an OSError.
         raise RobotouilleError(f"--cluster-ca: {ca}: {error}") from None
