@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import random
 from collections import Counter
 from collections.abc import Callable
@@ -185,6 +186,33 @@ class TestAnyNode:
                 closed = await olga.close_episode(created.code)
             assert closed.episode == created.episode
             assert not any(created.episode in node.rooms for node in nodes)
+
+    @virtual
+    async def test_closing_an_ended_episode_has_the_same_answer_on_every_node(
+        self, tmp_path: Path
+    ) -> None:
+        async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+            created = await ada.create(TASK, seats=2)
+            await ada.join(created.code)
+            await ada.close_episode(created.code)
+            await asyncio.sleep(5)
+            record = nodes[0].cluster.node.directory.find(created.episode)
+            assert record is not None and record.ended
+            for node in nodes:
+                async with connect(node.url, name="bob") as bob:
+                    assert (await bob.close_episode(created.code)).episode == created.episode
+
+    @virtual
+    async def test_node_asked_to_close_what_it_has_handed_over_says_so(
+        self, tmp_path: Path
+    ) -> None:
+        async with cluster_of(tmp_path, 2) as nodes, connect(nodes[0].url, name="ada") as ada:
+            created = await ada.create(TASK)
+            (former,) = nodes.others(nodes.owner(created.episode))
+            closing = {"episode": created.episode, "reason": "", "owner": "", "operator": True}
+            asked, data = f"node.{former.cluster.node.name}.close", json.dumps(closing).encode()
+            answer = json.loads(await nodes.nats.bus("observer").request(asked, data, 5.0))
+            assert answer["error"]["code"] == "server/handover"
 
     @virtual
     async def test_limits_of_an_owner_count_all_nodes(self, tmp_path: Path) -> None:

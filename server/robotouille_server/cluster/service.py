@@ -20,6 +20,7 @@ from robotouille_server.cluster.spectators.relays import Relays
 from robotouille_server.requests import Opening, Services, open_episode, simulate_plan
 from robotouille_server.rooms.lobby import MAX_LISTED
 from robotouille_server.rooms.participants.session import JoinedRoom, SessionLimits
+from robotouille_server.runtime.workers import ElsewhereError
 from robotouille_server.transport import LoopTurns
 
 ANSWER_SECONDS = 5.0
@@ -181,7 +182,7 @@ class ClusterService:
         await self._turns.next()
         record = self.node.directory.find(message.episode)
         reason = message.reason or ""
-        if record is None or record.node == self.node.name or record.ended:
+        if record is None or record.node == self.node.name:
             lobby = self.services.lobby
             return lobby.close(message.episode, reason, owner, operator=operator).id
         data = _Closing(episode=record.episode, reason=reason, owner=owner, operator=operator)
@@ -255,6 +256,11 @@ class ClusterService:
             answer = await self._answer(what, data)
         except ProtocolError as error:
             refused = messages.Error(code=error.code, message=error.message, field=error.field)
+            answer = _Answer(error=refused)
+        except ElsewhereError:
+            # This node has just handed the episode over, and the other one does not know it yet.
+            text = "this episode is being handed over; try again in a moment"
+            refused = messages.Error(code="server/handover", message=text, field="episode")
             answer = _Answer(error=refused)
         except ValidationError:
             text = "another node cannot read this request"
