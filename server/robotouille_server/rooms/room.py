@@ -192,6 +192,10 @@ class Room:
         return self.episode.step
 
     @property
+    def limits_sight(self) -> bool:
+        return self.episode.record.sight is not None
+
+    @property
     def in_progress(self) -> bool:
         return self.episode.in_progress
 

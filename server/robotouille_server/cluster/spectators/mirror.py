@@ -291,6 +291,10 @@ class Mirror:
         return self._updates.step
 
     @property
+    def limits_sight(self) -> bool:
+        return self._updates.limits_sight
+
+    @property
     def in_progress(self) -> bool:
         return self._updates.phase in (Phase.RUNNING.value, Phase.PAUSED.value)
 
@@ -314,7 +318,7 @@ class Mirror:
             raise ProtocolError("server/handover", message, "episode")
         if self.bans(session.id, session.participant):
             raise ProtocolError("episode/banned", "you were removed from this episode", "episode")
-        if self._updates.limits_sight:
+        if self.limits_sight:
             check_limited_sight(session, request)
         if self.spectators_here >= max_spectators:
             raise too_many_spectators(max_spectators)

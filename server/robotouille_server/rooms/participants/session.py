@@ -48,6 +48,10 @@ class JoinedRoom(Protocol):
     def step(self) -> int: ...
 
     @property
+    def limits_sight(self) -> bool:
+        """True if players see a part of the kitchen."""
+
+    @property
     def in_progress(self) -> bool: ...
 
     @property

@@ -144,34 +144,45 @@ class Sessions:
             raise _expired("this connection cannot be resumed any more")
         if grant.generation < used:
             raise _expired("this token was used before and has been replaced")
+        role = self._role_today(grant, visitor, seated=bool(players))
         # Everything that `join` would check is checked again: bans, the scope and the limits may
         # have changed since the token was signed.
         if home is not None:
-            self._check_place(session, grant, home)
-        # The role is computed again: `require_token` or a proxy may have been set up since the
-        # token was signed, and the client may now come from elsewhere.
+            self._check_place(session, grant, home, role)
+        return role
+
+    def _role_today(self, grant: ResumeGrant, visitor: Visitor, *, seated: bool) -> Role:
+        """Return the role of a returning session.
+
+        `require_token` or a proxy may have been set up since its token was signed, and the client
+        may now come from elsewhere.
+        """
         if grant.anonymous:
             return self._role_without_token(visitor, "resume")
         if not self._tokens.past(grant.role_expires):
-            # Another node of a cluster may have replaced the token after the end. It may show the
-            # end again, but grants no role that a stranger could misuse.
-            shows_end = session is None and home is not None and home.ended
-            if shows_end and grant.role.includes(Role.HOST):
-                raise _expired("the episode of this connection has ended")
             return grant.role
-        if not players and self._strict:
+        if not seated and self._strict:
             raise _expired("the role token of this connection has expired")
         # The session keeps its seats after its token has expired, but no other privileges.
         return Role.PLAYER if grant.role.includes(Role.PLAYER) else grant.role
 
-    def _check_place(self, session: Session | None, grant: ResumeGrant, room: JoinedRoom) -> None:
+    def _check_place(
+        self, session: Session | None, grant: ResumeGrant, room: JoinedRoom, role: Role
+    ) -> None:
         if room.bans(grant.session, grant.participant):
             raise _expired("you were removed from this episode")
         check_scope(grant.only_episode, room.id, room.code, "resume")
-        # A second connection that takes over a watching session does not add a spectator.
-        watches = session is not None and not session.players and session.peer is None
-        if watches and room.spectators_here >= self.max_spectators:
-            raise _expired(f"the episode has {self.max_spectators} spectators already")
+        if session is None:
+            # Another node of a cluster may have replaced the token after the end. It may show the
+            # end again, but grants no role that a stranger could misuse.
+            if room.ended and not grant.anonymous and role.includes(Role.HOST):
+                raise _expired("the episode of this connection has ended")
+        elif not session.players:
+            if role is Role.PLAYER and room.limits_sight:
+                raise _expired("players of this game see a part of the kitchen")
+            # A second connection that takes over a watching session does not add a spectator.
+            if session.peer is None and room.spectators_here >= self.max_spectators:
+                raise _expired(f"the episode has {self.max_spectators} spectators already")
 
     def resume(self, grant: ResumeGrant, room: JoinedRoom | None, role: Role) -> Session:
         """Return the session of a resume token that `judge` has accepted."""
