@@ -17,6 +17,7 @@ from robotouille_server.auth.roles import Role
 from robotouille_server.auth.tokens import ResumeGrant
 from robotouille_server.rooms.recording import archive
 from robotouille_server.rooms.recording.archive import FRAMES_A_TURN, LIST_SECONDS, MAX_SOUGHT
+from robotouille_server.rooms.recording.recovery import RESCAN_SECONDS
 from robotouille_server.rooms.recording.storage import Folder
 from tests.support.servers import crash, raw, serving
 from tests.support.virtual_time import virtual
@@ -204,6 +205,41 @@ async def test_folder_is_listed_rarely_and_in_a_thread(
         took = asyncio.get_running_loop().time() - begin
         assert 1 <= len(folder.listed) <= 1 + took / LIST_SECONDS
         assert not any(folder.listed), "the games waited for the disk"
+
+
+@virtual
+async def test_wrong_codes_list_no_folder_while_another_process_has_an_episode(
+    tmp_path: Path,
+) -> None:
+    folder = CountingFolder(tmp_path)
+    wrong = {"type": "join", "episode": "AAAAA-AAAAA"}
+    async with serving(tmp_path) as first, raw(first) as ada:
+        await ada.ask({"type": "create", "task": "synchronous/01"}, "created")
+        async with serving(tmp_path, seed=2, storage=folder) as second, raw(second) as eve:
+            folder.listed.clear()
+            begin = asyncio.get_running_loop().time()
+            for _ in range(20):
+                assert (await eve.ask(wrong))["code"] == "episode/unknown"
+                await asyncio.sleep(0.5)
+            took = asyncio.get_running_loop().time() - begin
+            assert len(folder.listed) <= 1 + took / LIST_SECONDS
+            assert not any(folder.listed), "the games waited for the disk"
+
+
+@virtual
+async def test_episodes_that_another_process_opens_later_are_taken_over_too(
+    tmp_path: Path,
+) -> None:
+    create = {"type": "create", "task": "synchronous/01"}
+    async with serving(tmp_path) as first, raw(first) as ada:
+        codes = {(await ada.ask(create, "created"))["code"]}
+        async with serving(tmp_path, seed=2) as second:
+            codes.add((await ada.ask(create, "created"))["code"])
+            await asyncio.sleep(2 * LIST_SECONDS)
+            assert not second.lobby.rooms
+            await crash(first)
+            await asyncio.sleep(RESCAN_SECONDS)
+            assert {room.code for room in second.lobby.rooms.values()} == codes
 
 
 @virtual

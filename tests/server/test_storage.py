@@ -15,6 +15,7 @@ import pytest
 from robotouille import ProtocolError
 from robotouille.replay.recording import read_recording
 from robotouille_client import ChatReceived, Game, StateChanged, connect
+from robotouille_server.rooms.recording.archive import LIST_SECONDS
 from robotouille_server.rooms.recording.storage import Appender, Folder
 from tests.support.disks import FullDisk, TroubledFolder
 from tests.support.lost_connections import miss_a_step
@@ -161,6 +162,19 @@ async def test_full_disk_at_startup_loses_no_episode(tmp_path: Path) -> None:
             assert (await game.act(None)).applied
             assert second.lobby.unrestored == {}
             assert game.step == 2
+
+
+@virtual
+async def test_recording_that_was_moved_away_is_no_longer_reported(tmp_path: Path) -> None:
+    folder = tmp_path / "recordings"
+    async with serving(folder) as first, connect(first.url, name="ada") as ada:
+        await ada.create("synchronous/01")
+        await crash(first)
+        async with serving(folder, seed=2, storage=StubbornDisk(folder)) as second:
+            (name,) = second.lobby.unrestored
+            (folder / name).rename(tmp_path / name)
+            await asyncio.sleep(2 * LIST_SECONDS)
+            assert second.lobby.unrestored == {}
 
 
 class StubbornDisk(Folder):

@@ -360,9 +360,7 @@ class Lobby:
         # This raises `ElsewhereError` with the address of the worker that has the episode
         # (docs/decisions/0017).
         self._worker.check_here(name, plain_code(name), CODE_LENGTH)
-        if self.draining or (
-            self._recovery is not None and self._recovery.elsewhere(name, self.rooms)
-        ):
+        if self.draining or (self._recovery is not None and self._recovery.elsewhere(name)):
             message = "this episode is being handed over; try again in a moment"
             raise ProtocolError("server/handover", message, "episode")
         return self._known(name)

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from copy import copy
 from typing import Generic, TypeVar
 
 from robotouille.errors import RecordingError, RobotouilleError
 from robotouille.protocol.join_codes import plain_code
 from robotouille.replay.container import MAGIC, MAX_FILE, read_frames
-from robotouille.replay.file_names import OPEN
 from robotouille.replay.recorder import Recorder
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import Restored, restore
 from robotouille.world.world import shared_world
-from robotouille_server.rooms.recording.archive import Archive, ArchivedEpisode, episode_of
+from robotouille_server.rooms.recording.archive import (
+    Archive,
+    ArchivedEpisode,
+    episode_of,
+    listing_of,
+)
 from robotouille_server.rooms.recording.journal import (
     Journal,
     RecordedRoom,
@@ -67,7 +71,9 @@ class Recovery(Generic[RoomT]):
         self._now = now
         self._wall = wall
         self._foreign: dict[str, str] = {}
-        self.archive = Archive(storage, adopt)
+        self.archive = Archive(storage, adopt, self._continue_all)
+        self._known: Mapping[str, RoomT] = {}
+        self._listed = False
         self._seated: dict[str, RoomT] = {}
         self._timer: asyncio.TimerHandle | None = None
         self._stopped = False
@@ -75,47 +81,66 @@ class Recovery(Generic[RoomT]):
     def scan(self, known: Mapping[str, RoomT]) -> None:
         """Continue every recording that is not closed.
 
-        Recordings that another process still writes are taken over when it releases them.
+        This lists the folder at once, so call it only when a server starts. Recordings that another
+        process still writes are taken over when it releases them.
 
         Args:
             known: The rooms of this process.
         """
-        if self._stopped:
-            return
+        self._known = known
         try:
-            names = self._storage.names()
+            listing = listing_of(self._storage)
         except OSError as error:
             get_logger().error("recordings not listed", error=str(error))
-            self._scan_later(known)
+            self._look_later()
             return
-        self._foreign = {name: code for name, code in self._foreign.items() if name in names}
-        self.archive.list(names)
+        self.archive.renew(listing)
+
+    def _continue_all(self, names: list[str]) -> None:
+        """Continue the recordings that are not closed, which have these names."""
+        if self._stopped:
+            return
+        self._listed, there = True, set(names)
+        self._foreign = {name: code for name, code in self._foreign.items() if name in there}
+        self.problems = {name: why for name, why in self.problems.items() if name in there}
         for name in names:
             episode = episode_of(name)
             # Each worker restores only the episodes whose ids begin with its number, whoever wrote
             # them (docs/decisions/0017).
-            mine = name.endswith(OPEN) and self._worker.owns(episode)
-            if not mine or name in self.unrestored:
+            if name in self.unrestored or not self._worker.owns(episode):
                 continue
-            room = known.get(episode)
+            room = self._known.get(episode)
             if room is None:
                 self._take_over(name)
             # If two files have the same episode id, continuing both would give two rooms the same
             # seats and tokens.
             elif room.journal is not None and room.journal.name != name:
                 self._give_up(name, f"a copy of {room.journal.name}")
-        # The files are polled, because waiting for a lock would block the event loop.
-        if self._foreign:
-            self._scan_later(known)
+        self._look_later()
 
-    def _scan_later(self, known: Mapping[str, RoomT]) -> None:
-        if self._timer is None:
+    def _look_later(self) -> None:
+        """Look again for recordings that another process has released, if there may be some."""
+        if self._timer is None and (self._foreign or not self._listed):
             loop = asyncio.get_running_loop()
-            self._timer = loop.call_later(RESCAN_SECONDS, self._scan_again, known)
+            self._timer = loop.call_later(RESCAN_SECONDS, self._look)
 
-    def _scan_again(self, known: Mapping[str, RoomT]) -> None:
+    def _look(self) -> None:
+        # The files are polled, because waiting for a lock would block the event loop. The folder
+        # may have 100,000 files, so a thread lists it, less often.
         self._timer = None
-        self.scan(known)
+        for name in self._waiting(self._foreign):
+            self._take_over(name)
+        if self._foreign or not self._listed:
+            self.archive.list_soon()
+        self._look_later()
+
+    def _waiting(self, names: Iterable[str]) -> list[str]:
+        """Return those of the names that wait for nothing but their lock.
+
+        The others have failed. An attempt may simulate the whole episode, so they wait for the next
+        listing.
+        """
+        return [name for name in names if name not in self.problems]
 
     def stop(self) -> None:
         """Take over no more recordings."""
@@ -130,13 +155,21 @@ class Recovery(Generic[RoomT]):
         room = self._seated.get(session)
         return room if room is not None and room.players_of(session) else None
 
-    def elsewhere(self, name: str, known: Mapping[str, RoomT]) -> bool:
-        """Return whether another process still has the episode with an id or code."""
-        if self._foreign:
-            self.scan(known)
-        codes = {plain_code(code) for code in self._foreign.values() if code}
-        episodes = {episode_of(file) for file in self._foreign}
-        return name in episodes or plain_code(name) in codes
+    def elsewhere(self, name: str) -> bool:
+        """Return whether another process still has the episode with an id or code.
+
+        If the process has just released the episode, it is taken over. Anyone can send wrong codes,
+        so other files are not touched.
+        """
+        code = plain_code(name)
+        files = [
+            file
+            for file, known in self._foreign.items()
+            if (known and known == code) or episode_of(file) == name
+        ]
+        for file in self._waiting(files):
+            self._take_over(file)
+        return any(file in self._foreign for file in files)
 
     def forget(self, room: RoomT) -> None:
         """Forget a room that is closed."""
@@ -244,7 +277,7 @@ class Recovery(Generic[RoomT]):
             head = next(read_frames(self._read(name)), {})
         except (OSError, RecordingError):
             head = {}
-        return str(head.get("code", ""))
+        return plain_code(str(head.get("code", "")))
 
     def _try_later(self, name: str, error: OSError) -> None:
         """Retry later, for example after a full disk, as if another process had the episode."""
