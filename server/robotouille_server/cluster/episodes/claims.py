@@ -23,12 +23,11 @@ from robotouille_server.cluster.episodes.journal import (
     ReplicatedJournal,
     assembled,
 )
+from robotouille_server.cluster.episodes.turns import SHORT_JOURNAL, Turns
 from robotouille_server.rooms.recording.archive import ArchivedEpisode, in_turns
 from robotouille_server.rooms.recording.journal import name_in
 from robotouille_server.runtime.logs import get_logger
 
-CLAIMS_AT_A_TIME = 3
-"""Episodes taken over at a time. With more, all come back late, because they share a processor."""
 MAX_PREPARED = 16
 """Episodes in memory that were restored in advance."""
 RESTATED = 128 * 1024
@@ -63,6 +62,21 @@ class Prepared:
     restoration: Restoration
 
 
+@dataclass(frozen=True, slots=True)
+class _Taken:
+    """Journal that this node has taken over.
+
+    Attributes:
+        content: Its bytes.
+        sequence: The number of its last message.
+        prepared: What was read and restored before, if anything.
+    """
+
+    content: bytes
+    sequence: int
+    prepared: Prepared | None
+
+
 class Claims:
     """Episodes that this node takes over.
 
@@ -86,7 +100,7 @@ class Claims:
         self._continuation = continuation
         self._under_way: set[str] = set()
         self._prepared: dict[str, Prepared] = {}
-        self._limit = asyncio.Semaphore(CLAIMS_AT_A_TIME)
+        self._turns = Turns()
         self._count = 0
 
     def under_way(self, episode: str) -> bool:
@@ -99,11 +113,20 @@ class Claims:
         Raises:
             RobotouilleError: That is not possible.
         """
-        async with self._limit:
+        async with self._turns.first():
             stored = await self._bus.read(record.episode)
-            recording = await _recording(assembled(stored), record)
-            restoration = Restoration(recording, self._continuation.now(), shared_world)
-            await in_turns(restoration.replay(but_last=HELD_BACK))
+            size = sum(len(message.data) for message in stored)
+            if size <= SHORT_JOURNAL:
+                await self._prepare(record, stored)
+                return
+            del stored
+        async with self._turns.long(size):
+            await self._prepare(record, await self._bus.read(record.episode))
+
+    async def _prepare(self, record: EpisodeRecord, stored: list[Stored]) -> None:
+        recording = await _recording(assembled(stored), record)
+        restoration = Restoration(recording, self._continuation.now(), shared_world)
+        await in_turns(restoration.replay(but_last=HELD_BACK))
         self._prepared[record.episode] = Prepared(stored, restoration)
         while len(self._prepared) > MAX_PREPARED:
             del self._prepared[next(iter(self._prepared))]
@@ -119,10 +142,7 @@ class Claims:
             return "it is being claimed already"
         self._under_way.add(record.episode)
         try:
-            # If the episode is prepared, there is little left to do.
-            ready = offer is not None and record.episode in self._prepared
-            async with nullcontext() if ready else self._limit:
-                return await self._continue(record, offer)
+            return await self._in_turn(record, offer)
         except ConflictError:
             return "another node was first"
         except BusError as error:
@@ -140,11 +160,22 @@ class Claims:
         get_logger().error("episode not taken over", episode=record.episode, error=why)
         return why
 
-    async def _continue(self, record: EpisodeRecord, offer: Offer | None) -> str:
-        prepared = self._prepared.pop(record.episode, None)
-        content, sequence = await self._take(record, offer, prepared)
+    async def _in_turn(self, record: EpisodeRecord, offer: Offer | None) -> str:
+        # If the episode is prepared, there is little left to do.
+        ready = offer is not None and record.episode in self._prepared
+        async with nullcontext() if ready else self._turns.first():
+            taken = await self._take(record, offer)
+            size = len(taken.content)
+            if size <= SHORT_JOURNAL or taken.prepared is not None:
+                return await self._continue(record, offer, taken)
+            del taken
+        async with self._turns.long(size):
+            return await self._continue(record, offer, await self._take(record, offer))
+
+    async def _continue(self, record: EpisodeRecord, offer: Offer | None, taken: _Taken) -> str:
+        content, sequence = taken.content, taken.sequence
         try:
-            recording, restored = await self._restored(content, record, prepared)
+            recording, restored = await self._restored(content, record, taken.prepared)
         except RecordingError:
             # Another node may have stored the whole recording, and be deleting the journal.
             if await self._has_changed(record):
@@ -168,20 +199,19 @@ class Claims:
         self._continuation.adopt(found)
         return ""
 
-    async def _take(
-        self, record: EpisodeRecord, offer: Offer | None, prepared: Prepared | None
-    ) -> tuple[bytes, int]:
-        """Take a journal over; return its content and the number of its last message.
+    async def _take(self, record: EpisodeRecord, offer: Offer | None) -> _Taken:
+        """Take a journal over.
 
         Raises:
             ConflictError: Another node has the episode.
             BusError: The journal is missing, or NATS does not answer.
         """
+        prepared = self._prepared.pop(record.episode, None)
         if offer is not None and (found := _offered(offer, prepared)) is not None:
             content, last_known = found
             # The journal ends as its owner says if the claim names that message as the last one.
             _, fence = await self._fence(record, last_known)
-            return content, fence
+            return _Taken(content, fence, prepared)
         # The copy of the directory may be behind, and the episode in good hands.
         if await self._has_changed(record):
             raise ConflictError("the record has changed")
@@ -195,7 +225,7 @@ class Claims:
         stored = known + await self._bus.read(record.episode, known[-1].sequence if known else 0)
         if [message.sequence for message in stored[-2:]] != [claim, fence]:
             raise ConflictError("another node has written to the journal")
-        return assembled(stored), fence
+        return _Taken(assembled(stored), fence, prepared)
 
     async def _has_changed(self, record: EpisodeRecord) -> bool:
         """Read a record again, and return whether another node has the episode, or it is over."""
