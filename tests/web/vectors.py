@@ -51,6 +51,8 @@ KEYS = ("", "e", "space")
 STEPS = 40
 """Steps of one game."""
 PRESSED = ("click", "click", "walk", "walk", "use", "use", "use", "key", "release", "tick", "pick")
+JUMPS = 0.05
+"""Share of the changes that lead to an earlier state."""
 PRESSES = 60
 """Inputs of the person who goes on with a game at its end."""
 
@@ -111,8 +113,12 @@ def _game(task: Task, states: int, presses: int, rng: random.Random) -> Iterator
         "language": view.controls.language.model_dump(mode="json", by_alias=True),
         "expect": view.answers(state),
     }
+    earlier = [state]
     for number in range(1, states):
-        before, state = state, _step(state, rng)
+        # A jump makes objects vanish and appear again, as those of a served dish do.
+        before, jumps = state, rng.random() < JUMPS
+        state = rng.choice(earlier) if jumps else _step(state, rng)
+        earlier.append(state)
         delta = {"step": number, **writer.changes(before, state)}
         yield {"delta": delta, "expect": view.answers(state)}
     view.controls.names = {}

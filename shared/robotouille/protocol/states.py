@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, Generic, TypeVar
 from weakref import WeakKeyDictionary
 
 from robotouille.errors import ProtocolError
@@ -20,6 +20,7 @@ from robotouille.world.timers import TimerRow
 from robotouille.world.unmet import Attempt, Unmet
 from robotouille.world.world import State, World
 
+RowT = TypeVar("RowT", str, int, tuple[Any, ...])
 Tables = dict[int, dict[str, Any]]
 _tables: WeakKeyDictionary[World, Tables] = WeakKeyDictionary()
 """Tables of each world in use, by size. All episodes of a world share them."""
@@ -77,6 +78,30 @@ def why_row(unmet: Unmet) -> dict[str, Any]:
     if not unmet.expected:
         row["expected"] = False
     return row
+
+
+class Table(Generic[RowT]):
+    """Table of objects or atoms that changes extend.
+
+    Attributes:
+        rows: The rows by position.
+    """
+
+    def __init__(self, rows: Iterable[RowT] = ()) -> None:
+        self.rows: list[RowT] = []
+        self._known: set[RowT] = set()
+        self.extend(rows)
+
+    def extend(self, rows: Iterable[RowT]) -> list[RowT]:
+        """Append the rows that the table lacks, and return them.
+
+        A change lists an object and its atoms whenever the object is created, also if it had
+        existed before, because a change depends on two states only.
+        """
+        new = [row for row in dict.fromkeys(rows) if row not in self._known]
+        self.rows += new
+        self._known.update(new)
+        return new
 
 
 def _rows(objects: Iterable[Object]) -> list[list[str]]:
@@ -276,8 +301,8 @@ class StateReader:
     ) -> None:
         self.world = world
         self._predicates: list[str] = list(tables["predicates"])
-        self._objects: list[str] = []
-        self._atoms: list[int] = []
+        self._objects = Table[str]()
+        self._atoms = Table[int]()
         self._facts = 0
         self._timers: dict[str, TimerRow] = {}
         self._busy: dict[str, int] = {}
@@ -319,25 +344,21 @@ class StateReader:
         return self.state
 
     def _extend(self, objects: Iterable[Sequence[str]], atoms: Iterable[Sequence[int]]) -> None:
-        created = [row[0] for row in objects]
-        self._objects += created
         # The client's world may have played less than the server's and may not know these objects
         # yet.
-        self.world.admit(created)
-        bit = self.world.table.bit
+        self.world.admit(self._objects.extend([row[0] for row in objects]))
+        names, bit = self._objects.rows, self.world.table.bit
         special = {-1: "~exists", -2: "~used"}
+        found = []
         for predicate, *arguments in atoms:
             name = special[predicate] if predicate < 0 else self._predicates[predicate]
-            self._atoms.append(bit[(name, *(self._objects[i] for i in arguments))])
-        # A hostile server could repeat objects and atoms in every delta.
-        world = self.world
-        if len(self._objects) > len(world.all_objects()) or len(self._atoms) > len(bit):
-            raise ValueError("more objects or atoms than the world has")
+            found.append(bit[(name, *(names[i] for i in arguments))])
+        self._atoms.extend(found)
 
     def _mask(self, positions: Iterable[int]) -> int:
-        mask = 0
+        mask, bits = 0, self._atoms.rows
         for position in positions:
-            mask |= self._atoms[position]
+            mask |= bits[position]
         return mask
 
     def _state(self) -> State:

@@ -13,7 +13,7 @@ from typing import Any
 from robotouille.domain.task import Task
 from robotouille.errors import RecordingError, RobotouilleError, UnknownNameError, WrongWorldError
 from robotouille.files.reading import open_regular
-from robotouille.protocol.states import StateReader, StateWriter
+from robotouille.protocol.states import StateReader, StateWriter, Table
 from robotouille.replay.compression import is_closed, plain
 from robotouille.replay.conduct import Conduct, wrong_outcome
 from robotouille.replay.container import (
@@ -328,8 +328,9 @@ class Recording:
         # The names come from the file, because a later version may number the world's atoms
         # differently.
         tables = self.header["tables"]
-        names = [row[0] for row in tables["objects"]]
-        atoms = [_name(row, tables["predicates"], names) for row in tables["atoms"]]
+        names = Table(row[0] for row in tables["objects"])
+        rows = Table(map(tuple, tables["atoms"]))
+        atoms = [_name(row, tables["predicates"], names.rows) for row in rows.rows]
         facts: set[int] = set()
         for frame in self.each_frame():
             if frame["kind"] == "state":
@@ -337,9 +338,9 @@ class Recording:
                 if frame["step"] > 0:
                     continue
             elif frame["kind"] == "step":
-                names += [row[0] for row in frame.get("objects", ())]
-                rows = frame.get("atoms", ())
-                atoms += [_name(row, tables["predicates"], names) for row in rows]
+                names.extend(row[0] for row in frame.get("objects", ()))
+                created = rows.extend(map(tuple, frame.get("atoms", ())))
+                atoms += [_name(row, tables["predicates"], names.rows) for row in created]
                 facts = (facts | set(frame.get("add", ()))) - set(frame.get("remove", ()))
             else:
                 continue
@@ -482,7 +483,7 @@ class Comparison:
         return self.same and self.reaches_the_end
 
 
-def _name(row: list[int], predicates: list[str], names: list[str]) -> str:
+def _name(row: tuple[int, ...], predicates: list[str], names: list[str]) -> str:
     if row[0] < 0:  # Bookkeeping of created objects.
         return ""
     return atom_name((predicates[row[0]], *(names[i] for i in row[1:])))

@@ -308,10 +308,10 @@ class Delta(FromServer):
         default=None, description="The player whose turn is next, with the clock `turn`."
     )
     objects: list[list[str]] = Field(
-        default=[], description="New objects, to append to the snapshot's table."
+        default=[], description="Created objects. Append those that the snapshot's table lacks."
     )
     atoms: list[list[int]] = Field(
-        default=[], description="New atoms, to append to the snapshot's table."
+        default=[], description="Their atoms. Append those that the snapshot's table lacks."
     )
     hidden: list[str] | None = Field(
         default=None, description="Objects out of sight; absent if unchanged."

@@ -13,7 +13,7 @@ import msgpack
 
 from robotouille.domain.task import Task
 from robotouille.errors import RecordingError
-from robotouille.protocol.states import StateReader
+from robotouille.protocol.states import StateReader, Table
 from robotouille.replay.container import frame_value
 from robotouille.world.world import State, World
 from robotouille_client.sansio.state_bytes import state_bytes
@@ -77,8 +77,8 @@ class RecordedStates:
         self._world = world
         self._stream = stream
         self._predicates = tables["predicates"]
-        self._objects = list(tables["objects"])
-        self._atoms = list(tables["atoms"])
+        self._objects = Table[tuple[str, ...]](map(tuple, tables["objects"]))
+        self._atoms = Table[tuple[int, ...]](map(tuple, tables["atoms"]))
         self._positions = array("q")
         self._key_steps = array("q")
         self._keys: list[tuple[int, int, int]] = []
@@ -90,13 +90,13 @@ class RecordedStates:
     def add_step(self, frame: Mapping[str, Any], position: int) -> None:
         """Add the next step, whose frame starts at a position of the stream."""
         self._positions.append(position)
-        self._objects += frame.get("objects", ())
-        self._atoms += frame.get("atoms", ())
+        self._objects.extend(map(tuple, frame.get("objects", ())))
+        self._atoms.extend(map(tuple, frame.get("atoms", ())))
 
     def add_state(self, frame: Mapping[str, Any], position: int) -> None:
         """Add a full state."""
         self._key_steps.append(frame["step"])
-        self._keys.append((position, len(self._objects), len(self._atoms)))
+        self._keys.append((position, len(self._objects.rows), len(self._atoms.rows)))
 
     def frame(self, step: int) -> dict[str, Any]:
         """Return the frame of a step (from 1)."""
@@ -133,8 +133,8 @@ class RecordedStates:
         position, objects, atoms = self._keys[key]
         tables = {
             "predicates": self._predicates,
-            "objects": self._objects[:objects],
-            "atoms": self._atoms[:atoms],
+            "objects": self._objects.rows[:objects],
+            "atoms": self._atoms.rows[:atoms],
         }
         return StateReader(self._world, tables, frame_value(self._stream, position))
 

@@ -33,12 +33,18 @@ class Table {
     this.position = new Map();
   }
 
-  /** Append objects and atoms of a message. @param {any[]} objects @param {any[]} atoms */
+  /**
+   * Append the objects and atoms of a message that the table lacks. A delta lists an object whenever
+   * it is created, also if it had existed before.
+   * @param {any[]} objects @param {any[]} atoms
+   */
   extend(objects, atoms) {
+    const known = new Set(this.names);
     for (const [name, kind, type] of objects) {
       const texts = [name, kind].every((each) => typeof each === "string");
       if (!texts || !this.task.types.includes(type)) throw new Error(`invalid object ${name}`);
-      this.names.push(name);
+      if (!known.has(name)) this.names.push(name);
+      known.add(name);
       if (this.things.has(name)) continue;
       this.rank.set(name, this.rank.size);
       this.things.set(name, { name, kind, type, tile: null, facing: null, label: null });
@@ -50,7 +56,9 @@ class Table {
       if (types?.length !== args.length || args.includes(undefined)) {
         throw new Error(`invalid atom of ${predicate}`);
       }
-      this.position.set(atomName([predicate, ...args]), this.atoms.length);
+      const name = atomName([predicate, ...args]);
+      if (this.position.has(name)) continue;
+      this.position.set(name, this.atoms.length);
       this.atoms.push([predicate, ...args]);
     }
   }
