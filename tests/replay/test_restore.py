@@ -124,12 +124,23 @@ def test_restored_episode_equals_the_original(clock: Clock) -> None:
     assert ours.pauses.shown == (PauseReason.RESTART, 1010.0)
 
 
+def extended(recording: Recording, stream: bytes) -> Recording:
+    """Read the recording of a stream that has more frames."""
+    reading = recording.extending(stream)
+    while True:
+        try:
+            next(reading)
+        except StopIteration as end:
+            assert isinstance(end.value, Recording)
+            return end.value
+
+
 def continued(first: bytes, whole: bytes, *, but_last: int = 2) -> Restored | None:
     """Restore the beginning of a recording, then the rest, or return None if they differ."""
     restoration = Restoration(Recording(first), 900.0)
     for _ in restoration.replay(but_last=but_last):
         pass
-    if not restoration.continue_with(restoration.recording.extended(whole)):
+    if not restoration.continue_with(extended(restoration.recording, whole)):
         return None
     for _ in restoration.replay():
         pass
@@ -178,7 +189,7 @@ def test_recording_that_is_extended_equals_the_whole_one(data: st.DataObject) ->
     whole = Game().play(21, seed=1).bytes if other else game.bytes
     cut = data.draw(st.integers(len(game.begin), len(game.bytes)))
     first, expected = Recording(game.bytes[:cut]), Recording(whole)
-    found = first.extended(whole)
+    found = extended(first, whole)
     for name in ("header", "whole", "length", "count", "totals", "outcome"):
         assert getattr(found, name) == getattr(expected, name)
     assert found.frames == expected.frames
@@ -193,7 +204,7 @@ def test_limits_of_a_recording_count_what_it_had_before_it_was_extended(
     monkeypatch.setattr(container, "MAX_NOTES", first.totals.notes)
     note = pack_frame({"kind": "notes", "notes": [{}]})
     with pytest.raises(RecordingError, match="more than"):
-        first.extended(game.bytes + note)
+        extended(first, game.bytes + note)
 
 
 @pytest.mark.slow

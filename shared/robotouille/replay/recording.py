@@ -130,8 +130,8 @@ class Recording:
         yield from recording._go_through(closed)
         return recording
 
-    def extended(self, stream: bytes) -> Recording:
-        """Return the recording of a stream that has more frames.
+    def extending(self, stream: bytes) -> Generator[int, None, Recording]:
+        """Read the recording of a stream that has more frames, as `opening` does.
 
         The frames that both streams begin with are not decoded again.
 
@@ -139,13 +139,12 @@ class Recording:
             RecordingError: The stream is damaged.
         """
         if not stream.startswith(self.stream[: self.whole]):
-            return Recording(stream, self.source)
+            return (yield from self.opening(stream, self.source, closed=False))
         longer = copy(self)
         for outdated in ("frames", "steps", "participants"):
             longer.__dict__.pop(outdated, None)
         longer.stream, longer.totals = stream, copy(self.totals)
-        for _ in longer._go_through(closed=False):
-            pass
+        yield from longer._go_through(closed=False)
         return longer
 
     def _begin(self, stream: bytes, source: str) -> None:

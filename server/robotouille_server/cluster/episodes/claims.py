@@ -69,7 +69,7 @@ class _Taken:
     Attributes:
         content: Its bytes.
         sequence: The number of its last message.
-        prepared: What was read and restored before, if anything.
+        prepared: The part that was read and restored before, if any.
     """
 
     content: bytes
@@ -241,7 +241,7 @@ class Claims:
         if restoration is None:
             recording = await _recording(content, record)
         else:
-            recording = restoration.recording.extended(content)
+            recording = await in_turns(restoration.recording.extending(content))
         # Anybody who can write to the bucket chooses this name, and a file of that name would be
         # replaced or deleted.
         if (file := name_in(recording.header)) != record.file:
