@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import random
+from contextlib import suppress
+
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from robotouille import ProtocolError, World
 from robotouille.certification.certificate import load_certificate
+from robotouille.domain.task import Task
 from robotouille.episode import Rules, Stepped
+from robotouille.errors import TooManyObjectsError
 from robotouille.planning.plan import read_plan
 from robotouille.protocol import states
 from robotouille.protocol.states import StateReader, StateWriter, parse_label
 from tests.support.games import play_through, random_choice
+from tests.world.random_tasks import tasks
 
 TASKS = ["multi_agent/10@3", "asynchronous/05", "workshop/02"]
 
@@ -136,3 +144,20 @@ def test_objects_that_vanish_and_are_created_again_are_read() -> None:
         found = reader.apply(writer.changes(before, after))
         assert set(found.fact_names()) == set(after.fact_names())
         before = after
+
+
+@settings(max_examples=60, deadline=None)
+@given(tasks(), st.randoms(use_true_random=False))
+def test_reader_follows_jumps_between_states(task: Task, rng: random.Random) -> None:
+    """A delta depends on two states only, so also one to an earlier state can be read."""
+    states = [World(task).initial]
+    writer = StateWriter(states[0].world)
+    reader = StateReader(World(task), writer.tables(states[0]), writer.values(states[0]))
+    for _ in range(12):
+        before = states[-1]
+        valid = [action for player in before.world.players for action in before.actions(player)]
+        with suppress(TooManyObjectsError):
+            after = before.step(rng.choice(valid) if valid else []).state
+            states.append(rng.choice([after, after, *states]))
+            found = reader.apply(writer.changes(before, states[-1]))
+            assert found.digest == states[-1].digest
