@@ -223,7 +223,7 @@ class Server:
         self.sessions.stop()
         await self.listener.close(reason)
         await self.lobby.closed()
-        self.lobby.stop()
+        await self.lobby.stop()
         if self.listener.sockets:  # If the server did not start, its caller reports the reason.
             get_logger().info("stopped", reason=reason)
 

@@ -489,16 +489,16 @@ class Lobby:
         room.let_go()
         return members
 
-    def stop(self) -> None:
-        """Cancel all timers."""
+    async def stop(self) -> None:
+        """Cancel all timers and searches."""
         self._timers.clear()
         self._inspection.stop()
         self._round_trips.stop()
-        if self._recovery is not None:
-            self._recovery.archive.stop()
         for timer in self._lingering.values():
             timer.cancel()
         self._lingering.clear()
+        if self._recovery is not None:
+            await self._recovery.archive.stop()
 
     def _forget(self, room: Room) -> None:
         self._lingering.pop(room).cancel()

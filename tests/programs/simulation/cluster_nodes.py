@@ -201,7 +201,7 @@ class NodeMachine:
                 lobby.suspend(room.id)
         await node.settled()
         await lobby.closed()
-        lobby.stop()
+        await lobby.stop()
         await node.close()
         self.process.kill()
 

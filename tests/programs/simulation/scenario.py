@@ -35,6 +35,7 @@ TASKS = (
     ("multi_agent/01_lettuce_burger", 2),
     ("multi_agent/02", 2),
     ("training/03_multi_agent@3", 3),
+    ("shifts/06_rush_hour@2", 2),
 )
 
 FAULTS = (

@@ -84,6 +84,8 @@ class Archive:
         self._one_at_a_time = asyncio.Lock()
         self._refused: dict[str, str] = {}
         self._listing: asyncio.Task[None] | None = None
+        """Listing that has not begun."""
+        self._listings: set[asyncio.Task[None]] = set()
         self._listed = -LIST_SECONDS
         self._missed: set[str] = set()
 
@@ -126,12 +128,12 @@ class Archive:
         # cancel it.
         await asyncio.shield(task)
 
-    def stop(self) -> None:
-        """Cancel all searches."""
-        if self._listing is not None:
-            self._listing.cancel()
-        for task in list(self._sought.values()):
+    async def stop(self) -> None:
+        """Cancel all searches and listings."""
+        tasks = [*self._listings, *self._sought.values()]
+        for task in tasks:
             task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _show(self, episode: str) -> None:
         if episode not in self._names:
@@ -154,6 +156,8 @@ class Archive:
         """List the folder once that is due; return the task."""
         if self._listing is None:
             self._listing = asyncio.create_task(self._list_when_due())
+            self._listings.add(self._listing)
+            self._listing.add_done_callback(self._listings.discard)
         return self._listing
 
     async def _list_when_due(self) -> None:
