@@ -539,7 +539,7 @@ async def test_a_card_explains_a_shift_before_its_clock_starts(session: WindowSe
             "One star needs 87 points, two need 175, three need 264.", "Start",
         ]  # fmt: skip
         keys = session.window.overlay(session.source.view()).keys
-        assert keys == (("Enter", "start"), ("Esc", "start"))
+        assert keys == (("Enter", "start"), ("Esc", "leave"))
         assert session.source.view().step == 0
         yield from session.choose("Start")
         yield from wait(60)
@@ -551,6 +551,19 @@ async def test_a_card_explains_a_shift_before_its_clock_starts(session: WindowSe
         assert "Orders" in [key for key, _ in rows]
 
     await asyncio.wait_for(session.go(script, setup), 60)
+
+
+async def test_escape_leaves_a_game_before_its_start(session: WindowSession) -> None:
+    def script() -> Iterator[None]:
+        yield from wait(60)
+        assert session.titles == ["Sandwich bar"]
+        post(pygame.K_ESCAPE)
+        yield from wait(60)
+        assert "Levels" in [row.label for row in session.form.rows]
+
+    setup = GameSetup("shifts/01_sandwich_bar", seats=1, countdown=0.0)
+    await asyncio.wait_for(session.go(script, setup), 60)
+    assert not list((session.folder / "recordings").glob("*.rbt*"))
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.window_layout import KeyRows, UiOverlay
 from robotouille_client.window.forms.card_slot import Cards, CardSlot
 from robotouille_client.window.forms.form import Form
+from robotouille_client.window.forms.rows import MenuChoice
 from robotouille_client.window.forms.screen import Devices, Display
 from robotouille_client.window.input.commands import Command, Gamepads, KeyMap
 from robotouille_client.window.input.play_input import PlayInput
@@ -238,7 +239,9 @@ class Window:
         keys: KeyRows = CARD_KEYS
         if self._cards.starting and self.card.focused is not None:
             # The card before a game has one answer.
-            keys = tuple((key, self.card.focused.label.lower()) for key in ("Enter", "Esc"))
+            begins = self.card.focused.label.lower()
+            stays = self.card.cancel == MenuChoice.STAY
+            keys = (("Enter", begins), ("Esc", begins if stays else "leave"))
         return dataclasses.replace(overlay, hints=(), keys=keys, marks=(), pointer=None)
 
     # Events

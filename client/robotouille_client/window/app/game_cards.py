@@ -331,12 +331,19 @@ class GameCards:
         self._chosen: object = None
         self._card: Form | None = None
 
+    @property
+    def _leave(self) -> MenuChoice:
+        """Result of a card that leaves the game."""
+        return MenuChoice.MENU if self._menu else MenuChoice.QUIT
+
     def start_card(self, view: View) -> Form | None:
         # A game on a server that has begun goes on while the player reads.
         goes_on = view.code and (view.lobby is None or view.lobby.ready is not False)
         card = None if view.over or goes_on else self._start(view)
         if card is not None:
             self._pause(True)
+            if not view.code:  # In a waiting room, Esc returns to the room.
+                card.cancel = self._leave
         return card
 
     def end_card(self, view: View) -> Form:
@@ -357,7 +364,7 @@ class GameCards:
         self._pause(True)
         rows = [
             Button("Keep playing", MenuChoice.STAY),
-            Button("Leave", MenuChoice.MENU if self._menu else MenuChoice.QUIT),
+            Button("Leave", self._leave),
         ]
         if self._menu:
             rows.append(Button("Quit", MenuChoice.QUIT))
