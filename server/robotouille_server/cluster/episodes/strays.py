@@ -14,6 +14,7 @@ from robotouille.replay.recording import Recording
 from robotouille_server.cluster.bus import Bus, BusError
 from robotouille_server.cluster.episodes.directory import Directory
 from robotouille_server.cluster.episodes.journal import assembled
+from robotouille_server.rooms.recording.archive import in_turns
 from robotouille_server.runtime.logs import get_logger
 
 SWEEP_SECONDS = 45.0
@@ -51,7 +52,9 @@ class Strays:
 
     async def _delete(self, episode: str) -> None:
         try:
-            recording = Recording(assembled(await self._bus.read(episode)), episode)
+            content = assembled(await self._bus.read(episode))
+            # Players can make long journals, so other games take turns.
+            recording = await in_turns(Recording.opening(content, episode, closed=False))
         except RecordingError as error:
             self._leave(episode, str(error))
             return
