@@ -88,16 +88,21 @@ def _check_own(path: Path) -> None:
 
 
 def _check_companions(path: Path) -> None:
-    """Raise CatalogueError if SQLite would write through a link, or use files of another database.
+    """Raise CatalogueError if files next to a database cannot be those of this database.
 
-    SQLite reads these files before it reads the database, and copies their content into it.
+    SQLite reads these files before it reads the database, and copies their content into it. It
+    would write through a link, and wait for ever for a program that writes to a named pipe.
     """
     place = os.path.realpath(path)
     for ending in COMPANIONS:
         companion = Path(f"{place}{ending}")
         if companion.is_symlink():
             raise CatalogueError(f"{companion}: {LINK}")
-        if companion.exists() and not path.exists():
+        if not companion.exists():
+            continue
+        if not companion.is_file():
+            raise CatalogueError(f"{companion}: it is not a regular file; delete it")
+        if not path.exists():
             raise CatalogueError(f"{companion}: its database is missing; delete this file, too")
 
 

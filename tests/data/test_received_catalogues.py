@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sqlite3
 from contextlib import closing
@@ -111,6 +112,17 @@ def test_links_next_to_a_catalogue_are_refused(folder: Path, tmp_path: Path, end
         assert result.exit_code == 1
         assert "it is a symbolic link" in words(result)
     assert precious.read_text() == "precious"
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes")
+@pytest.mark.parametrize("ending", quick_sample(["-journal", "-wal", "-shm"]))
+def test_named_pipes_next_to_a_catalogue_are_refused(folder: Path, ending: str) -> None:
+    (folder / f"catalogue.sqlite{ending}").unlink(missing_ok=True)
+    os.mkfifo(folder / f"catalogue.sqlite{ending}")
+    for command in (("index",), ("sql", COUNT, "--folder")):
+        result = run(*command, folder)
+        assert result.exit_code == 1
+        assert f"catalogue.sqlite{ending}: it is not a regular file" in words(result)
 
 
 def test_files_of_a_missing_catalogue_are_not_read(folder: Path) -> None:
