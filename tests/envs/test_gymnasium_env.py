@@ -156,6 +156,10 @@ def test_unknown_actions_are_rejected() -> None:
         ({"instances": "all"}, "instances: expected 'generated', 'endless' or a list"),
         ({"instances": ["multi_agent/01@2"]}, "has 2 seats"),
         ({"render_mode": "human"}, "render_mode"),
+        ({"slots": 5}, "slots: expected a dictionary of integers by kind, found 5"),
+        ({"slots": {"water": 1.5}}, "slots: expected a dictionary of integers by kind"),
+        ({"slots": {"water": 0}}, "slots: expected 1 or more for 'water', found 0"),
+        ({"slots": {"wine": 1}}, "slots: play cannot create objects of kind 'wine'"),
         ({"observations": "text"}, "unknown option 'observations'; did you mean 'observation'"),
     ],
 )
@@ -237,6 +241,8 @@ def test_instances_are_chosen_by_seed_or_name() -> None:
     assert env.world.task == load_task(ONE)
     with pytest.raises(WrongArgumentError, match="instance: expected one of"):
         env.reset(options={"instance": "synchronous/02"})
+    with pytest.raises(WrongArgumentError, match="options: expected a dictionary, found 5"):
+        env.reset(options=5)
 
 
 @pytest.mark.parametrize("worth", [math.nan, math.inf])

@@ -71,8 +71,8 @@ class BatchWorld:
             are. Such a copy stands still until it is reset.
 
     Raises:
-        RobotouilleError: The task is a shift, or `slots` has a kind that cannot be created.
-        WrongArgumentError: `copies` or `threads` is less than 1.
+        RobotouilleError: The task is a shift.
+        WrongArgumentError: `copies` or `threads` is less than 1, or `slots` is invalid.
     """
 
     def __init__(

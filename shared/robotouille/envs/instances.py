@@ -33,8 +33,10 @@ def first_state(
         options: Options of `reset`.
 
     Raises:
-        WrongArgumentError: There is no such instance or level.
+        WrongArgumentError: There is no such instance or level, or `options` is not a dictionary.
     """
+    if not isinstance(options, Mapping | None):
+        raise WrongArgumentError(f"options: expected a dictionary, found {options!r}")
     # Unknown options are ignored, because PettingZoo's test passes some.
     wanted = options or {}
     instance, level = wanted.get("instance"), wanted.get("level")

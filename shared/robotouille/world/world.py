@@ -26,6 +26,7 @@ from robotouille.errors import (
     WrongArgumentError,
     WrongWorldError,
 )
+from robotouille.world.arrays.reachable import slot_counts
 from robotouille.world.ground_state import (
     GroundState,
     JointAction,
@@ -288,11 +289,12 @@ class World(GroundTask):
     Raises:
         UnknownTaskError: No task or file has that name.
         FileError: The task's files are invalid.
+        WrongArgumentError: `slots` is invalid.
     """
 
     def __init__(self, task: Task | str, *, slots: Mapping[str, int] | None = None) -> None:
         super().__init__(task if isinstance(task, Task) else load_task(task))
-        self._slots = tuple(sorted((slots or {}).items()))
+        self._slots = slot_counts(slots)
         self.timers = TimerTable(self)
         shift = self.task.problem.shift
         self.shift = None if shift is None else ShiftRules(self, shift)
@@ -369,7 +371,7 @@ class World(GroundTask):
         """Encoding of states as vectors and graphs, and of actions as numbers (docs/train.md).
 
         Raises:
-            RobotouilleError: `slots` names a kind that cannot be created.
+            WrongArgumentError: `slots` names a kind that cannot be created.
             MissingExtraError: NumPy is not installed.
         """
         try:
@@ -764,7 +766,7 @@ _worlds: weakref.WeakValueDictionary[tuple[str, Slots], World] = weakref.WeakVal
 
 def shared_world(task: Task, slots: Mapping[str, int] | None = None) -> World:
     """Return the process's world for a task and slots; worlds hold nothing of an episode."""
-    key = task.digest, tuple(sorted((slots or {}).items()))
+    key = task.digest, slot_counts(slots)
     world = _worlds.get(key)
     # Grounding takes milliseconds, and a shared world shares its caches: a server opens many
     # episodes of one task.
@@ -776,7 +778,7 @@ def shared_world(task: Task, slots: Mapping[str, int] | None = None) -> World:
 def _shipped_world(
     name: str, seats: int, timing: str, digest: str, slots: Mapping[str, int] | None = None
 ) -> World:
-    world = _worlds.get((digest, tuple(sorted((slots or {}).items()))))
+    world = _worlds.get((digest, slot_counts(slots)))
     if world is None:
         task = load_task(name, seats=seats, timing=timing, files=False)
         if task.digest != digest:

@@ -64,7 +64,7 @@ class Encoding:
         effects: The special effects whose counters are in a vector.
 
     Raises:
-        RobotouilleError: `slots` has a kind that cannot be created.
+        WrongArgumentError: `slots` is invalid, or has a kind that cannot be created.
     """
 
     version = VERSION

@@ -7,10 +7,11 @@ reach, and is far smaller than all combinations of objects.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from operator import index
 from typing import NamedTuple
 
 from robotouille.domain.schema import Creation
-from robotouille.errors import RobotouilleError, SlotOverflowError, TooHardError
+from robotouille.errors import SlotOverflowError, TooHardError, WrongArgumentError
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.grounding.atoms import EXISTS
 from robotouille.world.grounding.effects import Effect, EffectNode
@@ -43,17 +44,15 @@ class Slots:
             objects that can contain this kind, such as pots for water, their number.
 
     Raises:
-        RobotouilleError: `capacity` has a kind that cannot be created, or a number below 1.
+        WrongArgumentError: `capacity` is invalid, or has a kind that cannot be created.
     """
 
     def __init__(self, task: GroundTask, capacity: Mapping[str, int] | None = None) -> None:
         self._task = task
         kinds = _created_kinds(task)
-        sizes = {**kinds, **(capacity or {})}
+        sizes = {**kinds, **dict(slot_counts(capacity))}
         if wrong := sorted(set(sizes) - set(kinds)):
-            raise RobotouilleError(f"play cannot create objects of kind {wrong[0]!r}")
-        if empty := [kind for kind, size in sizes.items() if size < 1]:
-            raise RobotouilleError(f"{empty[0]!r} needs at least one slot")
+            raise WrongArgumentError(f"slots: play cannot create objects of kind {wrong[0]!r}")
         first = {kind: _problem_objects(task, kind) for kind in kinds}
         task.make_room({kind: first[kind] + size for kind, size in sizes.items()})
         self.by_kind = {
@@ -107,6 +106,24 @@ class Slots:
             # A slot without an object must not show one that stands in another slot.
             found |= {slot: "" for slot in slots[len(there) :] if slot in there}
         return found
+
+
+def slot_counts(slots: Mapping[str, int] | None) -> tuple[tuple[str, int], ...]:
+    """Return the numbers of slots by kind, in order.
+
+    Raises:
+        WrongArgumentError: They are not numbers above 0 by kind.
+    """
+    try:
+        counts = tuple(sorted((str(kind), index(size)) for kind, size in (slots or {}).items()))
+    except (AttributeError, TypeError):
+        raise WrongArgumentError(
+            f"slots: expected a dictionary of integers by kind, found {slots!r}"
+        ) from None
+    for kind, size in counts:
+        if size < 1:
+            raise WrongArgumentError(f"slots: expected 1 or more for {kind!r}, found {size}")
+    return counts
 
 
 def _created_kinds(task: GroundTask) -> dict[str, int]:
