@@ -211,8 +211,12 @@ def test_invalid_parameters_are_rejected(values: dict[str, int], name: str) -> N
 def test_noisy_instances_reject_held() -> None:
     with pytest.raises(GenerationError, match=r"^held: "):
         Generator(load_task(SANDWICH), Kind.NOISY, Parameters(held=True))
-    with pytest.raises(GenerationError, match=r"^attempts: expected at least 1, found 0"):
-        Generator(load_task(SANDWICH), attempts=0)
+
+
+@pytest.mark.parametrize("attempts", [0, 1_000_000_000])
+def test_number_of_attempts_is_limited(attempts: int) -> None:
+    with pytest.raises(GenerationError, match=rf"^attempts: expected 1 to .*found {attempts}$"):
+        Generator(load_task(SANDWICH), attempts=attempts)
 
 
 def test_too_many_stations_are_rejected() -> None:

@@ -15,7 +15,7 @@ import typer
 from robotouille.errors import FileError
 from robotouille.files.reading import read_bytes
 from robotouille.files.writing import check_folder, replace_file
-from robotouille.generation.generator import ATTEMPTS, Generator, seeds_from
+from robotouille.generation.generator import ATTEMPTS, MAX_ATTEMPTS, Generator, seeds_from
 from robotouille.generation.instance import Instance
 from robotouille.generation.parameters import GenerationError, Kind, Parameters
 from robotouille.generation.shifts import generator_of
@@ -67,7 +67,10 @@ class GenerateOptions:
         None
     )
     attempts: Annotated[
-        int, typer.Option(help="Maximum number of kitchens to draw for one seed.")
+        int,
+        typer.Option(
+            help="Maximum number of kitchens to draw for one seed.", min=1, max=MAX_ATTEMPTS
+        ),
     ] = ATTEMPTS
     out: Annotated[str, typer.Option(help="Folder for the files; - for standard output.")] = "."
     json_output: Annotated[

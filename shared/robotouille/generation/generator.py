@@ -105,6 +105,7 @@ GENERATOR = "1"
 """Version of the generator. The instances of seeds change only with it."""
 
 ATTEMPTS = 50
+MAX_ATTEMPTS = 10_000
 
 
 class Generator:
@@ -113,7 +114,7 @@ class Generator:
     Args:
         plans: Plans for the original by number of players. Missing ones are read from the files
             next to the problem, or found by the solver. Noisy instances need them.
-        attempts: Maximum number of kitchens drawn for a seed.
+        attempts: Maximum number of kitchens drawn for a seed, at most `MAX_ATTEMPTS`.
 
     Raises:
         GenerationError: The parameters contradict the kind of instance.
@@ -136,8 +137,9 @@ class Generator:
             raise GenerationError("held", "players of a noisy instance keep what they hold")
         if task.problem.shift is not None and not self.plays_shifts:
             raise GenerationError("task", f"{task.name} is a shift; use a ShiftGenerator")
-        if attempts < 1:
-            raise GenerationError("attempts", f"expected at least 1, found {attempts}")
+        if not 1 <= attempts <= MAX_ATTEMPTS:
+            found = f"expected 1 to {MAX_ATTEMPTS}, found {attempts}"
+            raise GenerationError("attempts", found)
         self.task = replace(task, seats=seat_counts(task)[0], timing=Timing.BENCHMARK)
         self.kind = kind
         self.parameters = parameters
