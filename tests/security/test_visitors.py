@@ -165,6 +165,14 @@ def test_invalid_settings_are_reported() -> None:
         "*",
         "https://a:b",
         "null",
+        "https://a.org:65536",
+        "https://a.org?",
+        "https://a.org#part",
+        "https://:secret@a.org",
+        "https://a;script-src *",
+        "https://*.a.org",
+        "https://a.org b.org",
+        "https://bücher.example",
     ):
         with pytest.raises(AccessSettingError, match=r"--origins: .* is not an origin; expected"):
             parse_origins(text)

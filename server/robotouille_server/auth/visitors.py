@@ -12,7 +12,6 @@ import re
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
-from urllib.parse import urlsplit
 
 from websockets.datastructures import Headers
 
@@ -35,6 +34,11 @@ PROXY_HEADERS = ("X-Forwarded-For", "Forwarded", "X-Real-IP", "X-Forwarded-Host"
 MAX_HOPS = 32
 WRONG_CODES_A_MINUTE = 20
 UNKNOWN = "unknown"
+# Origins become part of the page's content security policy, so a host must not contain `;`, spaces
+# or wildcards. Browsers write other letters as `xn--…`.
+_ORIGIN = re.compile(
+    r"[a-z][a-z0-9+.-]*://(?:[a-z0-9._-]+|\[[0-9a-f:.]+\])(?::(?P<port>[0-9]{1,5}))?"
+)
 SITE_FACTOR = 16
 """Limit of connections per IPv6 /48 network, as a multiple of that per address."""
 PROBATION_FACTOR = 8
@@ -102,19 +106,13 @@ def parse_origins(text: str, flag: str = "--origins") -> frozenset[str]:
 
 
 def _origin(text: str, flag: str) -> str:
-    try:
-        parts = urlsplit(text.rstrip("/"))
-        whole = (
-            parts.scheme and parts.hostname and not (parts.path or parts.query or parts.username)
-        )
-        _ = parts.port
-    except ValueError:
-        whole = ""
-    if not whole:
+    origin = text.rstrip("/").lower()
+    found = _ORIGIN.fullmatch(origin)
+    if found is None or int(found["port"] or 0) > 65_535:
         raise AccessSettingError(
             f"{flag}: {text!r} is not an origin; expected https://HOST or https://HOST:PORT"
         )
-    return text.rstrip("/").lower()
+    return origin
 
 
 def _parts(text: str) -> Iterator[str]:
