@@ -152,6 +152,7 @@ def test_settings_come_from_flag_then_environment_then_file(tmp_path: Path) -> N
         ),
         (["--step-rate", "fast"], "robotouille-server: --step-rate: 'fast' is not a number"),
         (["--seed", "1.5"], "robotouille-server: --seed: '1.5' is not a whole number"),
+        (["--seed", "9" * 35], "--seed: Input should be less than or equal to 9007199254740992"),
         (["--port", "70000"], "--port: Input should be less than or equal to 65535"),
         (["--config", "no-such.toml"], "no-such.toml"),
         (["--host", ""], "--host: not a host name or an address, such as 127.0.0.1, found ''"),

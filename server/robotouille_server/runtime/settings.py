@@ -87,7 +87,7 @@ class ServerSettings(BaseSettings):
     seats: Annotated[int, Field(ge=1, le=16)] | None = Field(
         None, description="Number of seats, for tasks that allow several."
     )
-    seed: Annotated[int, Field(ge=0)] = Field(
+    seed: Annotated[int, Field(ge=0, le=2**53)] = Field(
         0, description="Random seed. It chooses the objects that a problem file leaves open."
     )
     max_steps: MaxSteps = Field(
