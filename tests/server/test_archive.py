@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import threading
 from collections.abc import AsyncIterator, Generator
 from contextlib import asynccontextmanager
@@ -10,7 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from structlog.testing import capture_logs
 
+from robotouille.replay.container import MAX_FILE
 from robotouille.replay.recording import Recording
 from robotouille_server import Server
 from robotouille_server.auth.roles import Role
@@ -123,6 +126,20 @@ async def test_too_long_recording_is_refused_with_the_reason(
             again = await bob.ask(HELLO, "welcome")
             assert again["type"] == "welcome", again
         assert not server.lobby.rooms
+
+
+@virtual
+async def test_file_that_is_too_large_is_not_read(tmp_path: Path) -> None:
+    async with after_the_end(tmp_path) as (server, token):
+        (file,) = tmp_path.glob("*.rbt")
+        os.truncate(file, MAX_FILE + 1)
+        with capture_logs() as logs:
+            async with raw(server, hello=False) as bob:
+                refused = await bob.ask({**HELLO, "resume": token}, "welcome")
+        assert refused["code"] == "auth/expired"
+        assert [log["error"] for log in logs if log["event"] == "recording not read"] == [
+            "larger than 256 MiB, which no recording is"
+        ]
 
 
 @virtual

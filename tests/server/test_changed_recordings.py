@@ -205,6 +205,15 @@ class TestFoundAtStart:
         assert (tmp_path / name).read_bytes() == damaged
         assert len(list(tmp_path.iterdir())) == 1
 
+    @virtual
+    async def test_file_that_is_too_large_is_not_restored(self, tmp_path: Path) -> None:
+        name, content = begun()
+        (tmp_path / name).write_bytes(content)
+        os.truncate(tmp_path / name, MAX_FILE + 1)
+        async with serving(tmp_path) as server:
+            assert not server.lobby.rooms
+            assert "larger than 256 MiB" in server.lobby.unrestored[name]
+
 
 class TestFolder:
     def test_links_are_not_followed(self, tmp_path: Path) -> None:
@@ -251,12 +260,3 @@ async def test_recording_of_an_ended_episode_is_not_inspected(
         await server.lobby.closed()
         assert len(looked) == 1
         assert [file.name for file in folder.iterdir()] == [looked[0].name]
-
-    @virtual
-    async def test_file_that_is_too_large_is_not_restored(self, tmp_path: Path) -> None:
-        name, content = begun()
-        (tmp_path / name).write_bytes(content)
-        os.truncate(tmp_path / name, MAX_FILE + 1)
-        async with serving(tmp_path) as server:
-            assert not server.lobby.rooms
-            assert "larger than 256 MiB" in server.lobby.unrestored[name]

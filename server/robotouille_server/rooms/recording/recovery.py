@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 
 from robotouille.errors import RecordingError, RobotouilleError
 from robotouille.protocol.join_codes import plain_code
-from robotouille.replay.container import MAGIC, MAX_FILE, read_frames
+from robotouille.replay.container import MAGIC, read_frames
 from robotouille.replay.recorder import Recorder
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import Restored, restore
@@ -213,7 +213,7 @@ class Recovery(Generic[RoomT]):
 
     def _continue(self, name: str, file: Appender) -> bool:
         """Make a room of a file; return whether the room keeps the file open."""
-        content = self._read(name)
+        content = self._storage.read(name)
         if _has_no_header(content):
             # Nothing was published before the header was complete (write-ahead rule), so nothing is
             # lost.
@@ -246,14 +246,6 @@ class Recovery(Generic[RoomT]):
                 self._seated[seat.session] = room
         return True
 
-    def _read(self, name: str) -> bytes:
-        """Return the content of a file; raise RecordingError if it is no file of a server."""
-        with self._storage.open(name) as file:
-            content = file.read(MAX_FILE + 1)
-        if len(content) > MAX_FILE:
-            raise RecordingError(f"larger than {MAX_FILE >> 20} MiB, which no recording is")
-        return content
-
     def _cut(self, name: str, file: Appender, content: bytes, kept: int) -> None:
         """Cut an incomplete end off a file, and keep it in another file."""
         torn = content[kept:]
@@ -274,7 +266,7 @@ class Recovery(Generic[RoomT]):
 
     def _code_of(self, name: str) -> str:
         try:
-            head = next(read_frames(self._read(name)), {})
+            head = next(read_frames(self._storage.read(name)), {})
         except (OSError, RecordingError):
             head = {}
         return plain_code(str(head.get("code", "")))

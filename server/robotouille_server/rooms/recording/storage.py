@@ -17,6 +17,9 @@ from enum import Enum
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
+from robotouille.errors import RecordingError
+from robotouille.replay.container import MAX_FILE
+
 MODE = 0o640
 """Mode of recordings. They contain names and chat, so other users may not read them."""
 PLAIN = getattr(os, "O_BINARY", 0) | getattr(os, "O_NOFOLLOW", 0)
@@ -59,7 +62,7 @@ class Storage(Protocol):
         """Return the names of all files, in order."""
 
     def read(self, name: str) -> bytes:
-        """Return the content of a file."""
+        """Return the content of a file; raise RecordingError if no recording is that large."""
 
     def open(self, name: str) -> BinaryIO:
         """Open a file for reading in pieces."""
@@ -96,7 +99,10 @@ class Folder:
 
     def read(self, name: str) -> bytes:
         with self.open(name) as file:
-            return file.read()
+            size = os.fstat(file.fileno()).st_size
+            if size > MAX_FILE:
+                raise RecordingError(f"larger than {MAX_FILE >> 20} MiB, which no recording is")
+            return file.read(size)
 
     def open(self, name: str) -> BinaryIO:
         # Opening a named pipe without `O_NONBLOCK` would block the event loop until a program
