@@ -6,6 +6,8 @@ import base64
 import hashlib
 import json
 import re
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,7 @@ from robotouille import State, UnknownNameError
 from robotouille.certification.certificate import Deadline
 from robotouille.domain.rendering import rendering_of
 from robotouille.protocol.states import StateReader
-from robotouille.replay.compression import compress
+from robotouille.replay.compression import compress, unwrap
 from robotouille.replay.container import MAGIC, pack_frame, read_frames
 from robotouille.replay.controllers import seatings
 from robotouille.replay.recording import Recording
@@ -33,11 +35,14 @@ from robotouille.web.site import STATIC, WebSite
 from robotouille_client.cli.main import app
 from robotouille_client.window.pictures.appearance import AppearanceResolver
 from robotouille_client.window.replay.histories.recorded_history import RecordedHistory
+from robotouille_server import Server
 from tests.support.games import recorded_game
 from tests.support.page_tags import Tags
 from tests.support.random_play import random_stream, talkative_stream
-from tests.support.replay_pages import page_data_of
+from tests.support.replay_pages import page_data_of, unpacked
 from tests.support.samples import quick_sample
+from tests.support.servers import Raw, raw, serving
+from tests.support.virtual_time import virtual
 
 KITCHEN = 300 * 1024
 """Bytes of a page before its steps: modules, pictures and the task."""
@@ -212,6 +217,85 @@ def test_anonymous_page_has_no_names_and_no_texts() -> None:
     assert kinds.count("said") == 2
     assert "thought" not in kinds
     assert "noted" not in kinds
+
+
+SHOWN = {
+    "act", "argument", "broken", "chat", "cheer", "late", "name", "note", "noun", "spectator",
+    "thought", "topic", "why",
+}  # fmt: skip
+"""Words of `told_everything` that a page shows if it is not anonymous."""
+
+
+@asynccontextmanager
+async def guest(
+    server: Server, name: str, join: dict[str, Any], **hello: str
+) -> AsyncIterator[Raw]:
+    """Open a connection that joins an episode."""
+    async with raw(server, hello=False) as connection:
+        greeting = {"type": "hello", "protocol": 1, "name": name, **hello}
+        assert (await connection.ask(greeting, "welcome"))["type"] == "welcome"
+        joined = await connection.ask({"type": "join", **join}, "joined")
+        assert joined["type"] == "joined", joined
+        yield connection
+
+
+async def told_everything(folder: Path) -> set[str]:
+    """Play a game whose people write `WORD-secret` into every field; return its code and tokens."""
+    order = {
+        "type": "create",
+        "task": "multi_agent/01",
+        "clock": "lockstep",
+        "chat": "free",
+        "tokens": True,
+        "labels": {"key-secret": "label-secret"},
+        "participants": {"robot1": "pseudonym-secret"},
+    }
+    said = [
+        {"type": "say", "text": "chat-secret"},
+        {"type": "note", "topic": "topic-secret", "text": "note-secret"},
+        {"type": "signal", "intent": "look", "target": "target-secret"},
+        {"type": "act", "seq": 1, "action": "act-secret", "reasoning": "hope-secret"},
+        {"type": "act", "seq": 2, "action": {"name": "noun-secret", "args": ["argument-secret"]}},
+        {"type": "act", "seq": 3, "action": {"name": "broken-secret", "args": 5}},
+        {"type": "act", "seq": 4, "action": "late-secret", "basis": 9, "max_age": 0},
+        {"type": "act", "seq": 5, "action": 0, "basis": 0, "reasoning": "thought-secret"},
+    ]
+    async with serving(folder) as server, raw(server) as host:
+        created = await host.ask(order, "created")
+        tokens = created["tokens"]
+        first = {"episode": created["code"], "agent": "agent-secret", "view": "both"}
+        watch = {"episode": created["code"], "role": "spectator"}
+        async with (
+            guest(server, "name-secret", first, token=tokens["robot1"]) as ada,
+            guest(server, "other", {"episode": created["code"]}, token=tokens["robot2"]) as ben,
+            guest(server, "spectator-secret", watch) as sam,
+        ):
+            await sam.ask({"type": "say", "text": "cheer-secret"}, "said")
+            for message in said:
+                await ada.send(message)
+            await ben.send({"type": "act", "seq": 1, "action": None})
+            await ben.expect("delta")
+            order = {"type": "close", "episode": created["episode"], "reason": "why-secret"}
+            await host.send(order)
+            await ada.expect("ended")
+        await server.lobby.closed()
+    return {created["code"], *tokens.values()}
+
+
+@pytest.mark.slow
+@virtual
+async def test_anonymous_page_of_a_served_game_has_nothing_that_its_people_wrote(
+    tmp_path: Path,
+) -> None:
+    tokens = await told_everything(tmp_path)
+    recording = Recording(unwrap(next(tmp_path.glob("*.rbt")).read_bytes()))
+    usual, anonymous = (
+        replay_page([("label", recording)], anonymous=hidden) for hidden in (False, True)
+    )
+    assert set(re.findall(r"(\w+)-secret", unpacked(usual, "data"))) == SHOWN
+    for text in (anonymous, unpacked(anonymous, "data")):
+        assert "secret" not in text
+        assert not any(token in text for token in tokens)
 
 
 def test_anonymous_names_are_the_same_in_both_recordings() -> None:
