@@ -106,6 +106,12 @@ def test_invalid_arguments_are_explained(recording: Path, words: list[str], reas
     assert "Traceback" not in done.output
 
 
+def test_seed_that_no_recording_can_store_is_refused() -> None:
+    done = robotouille("play", "synchronous/01", "--seed", "9" * 35)
+    assert done.exit_code == 2
+    assert "--seed" in done.output
+
+
 @pytest.mark.parametrize(
     ("words", "reason"),
     [

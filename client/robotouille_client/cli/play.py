@@ -55,7 +55,7 @@ class PlayOptions:
             help="Step limit. Default: six times the shortest plan, but at least three minutes."
         ),
     ] = None
-    seed: Annotated[int, typer.Option(help="Seed of all random choices.")] = 0
+    seed: Annotated[int, typer.Option(help="Seed of all random choices.", min=0, max=2**53)] = 0
     size: Annotated[
         str | None, typer.Option(help="WIDTHxHEIGHT in pixels. Default: the last size.")
     ] = None
