@@ -187,8 +187,8 @@ def parameter_values(described: Any) -> str:
             return ", ".join(f"`{value}`" for value in values)
     least, most = described.parameter_info.min, described.parameter_info.max
     if most is None:
-        return "" if least is None else f"at least {least:g}"
-    return f"at most {most:,g}" if least is None else f"{least:,g} to {most:,g}"
+        return "" if least is None else f"at least {least:,}"
+    return f"at most {most:,}" if least is None else f"{least:,} to {most:,}"
 
 
 # The catalogue
