@@ -13,10 +13,10 @@ from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.domain.task import build_task, read_domain
 from robotouille.installation import data_folder
 from robotouille.planning.kitchen.recognition import recognise
-from robotouille.planning.kitchen.solver import kitchen_search
+from robotouille.planning.kitchen.solver import PLANNER, kitchen_search
 from robotouille.planning.plan import Limits
 from robotouille.planning.solvers import solve
-from tests.world.kitchens import kitchen
+from tests.world.kitchens import kitchen, problem
 
 Json = dict[str, Any]
 
@@ -84,6 +84,73 @@ def test_chained_processes_are_declined(needs: str) -> None:
             condition["predicate"] = needs
     assert recognise(load_task("synchronous/01").domain) is not None
     assert recognise(DomainFile.model_validate(raw)) is None
+
+
+def with_another_cooking(forbidden: str, fry_forbids: str = "") -> DomainFile:
+    """Return the shipped domain, but a fact other than `iscooking` holds while items cook."""
+    raw = json.loads((data_folder("domains") / "robotouille.json").read_text())
+    cook = json.dumps(next(a for a in raw["action_defs"] if a["name"] == "cook"))
+    for number, action in enumerate(raw["action_defs"]):
+        if action["name"] == "cook":
+            raw["action_defs"][number] = json.loads(cook.replace("iscooking", forbidden))
+        if action["name"] == "fry" and fry_forbids:
+            fry = cook.replace("iscooking", fry_forbids).replace("isstove", "isfryer")
+            fry = fry.replace("iscookable", "isfryable").replace("iscooked", "isfried")
+            raw["action_defs"][number] = {**json.loads(fry), "name": "fry"}
+    return DomainFile.model_validate(raw)
+
+
+@pytest.mark.parametrize(
+    ("forbidden", "fry_forbids"),
+    [("iscut", ""), ("iscuttable", ""), ("isfryableifcut", ""), ("isfryable", ""), ("clear", ""),
+     ("iscooking", "iscooking"), ("iscooking", "iscooked")],
+)  # fmt: skip
+def test_facts_with_two_meanings_are_declined(forbidden: str, fry_forbids: str) -> None:
+    assert recognise(with_another_cooking("iscooking")) is not None
+    assert recognise(with_another_cooking(forbidden, fry_forbids)) is None
+
+
+def test_item_is_cut_while_it_cooks() -> None:
+    domain = with_another_cooking("iscut")
+    goal = [{"predicate": "iscut", "args": ["chicken"], "ids": [1]}]
+    items = [
+        {"name": "chicken", "x": 3, "y": 0, "predicates": ["iscookable"]},
+        {"name": "chicken", "x": 0, "y": 0, "predicates": ["iscuttable"]},
+    ]
+    players = [{"name": "robot", "x": 3, "y": 1, "direction": [0, -1]}]
+    fields = problem(items=items, goal=goal, players=players)
+    task = build_task("hot", domain, ProblemFile.model_validate(fields))
+    answer = solve(World(task))
+    assert answer.plan is not None
+    assert (len(answer.plan), answer.optimal) == (1, True)
+
+
+def one_item(kind: str, facts: list[str], goal: str) -> World:
+    """Return a world with an item on a stove."""
+    return kitchen(
+        items=[{"name": kind, "x": 3, "y": 0, "predicates": facts}],
+        goal=[{"predicate": goal, "args": [kind], "ids": [1]}],
+    )
+
+
+def test_item_that_cooks_without_a_delay_never_gets_cooked() -> None:
+    answer = solve(one_item("patty", ["iscookable", "iscooking"], "iscooked"))
+    assert answer.plan is None
+    assert answer.unsolvable
+
+
+def test_fried_item_need_not_be_cut() -> None:
+    facts = ["iscuttable", "isfryableifcut", "isfried"]
+    answer = solve(one_item("potato", facts, "isfried"))
+    assert answer.plan is not None
+    assert (len(answer.plan), answer.planner) == (0, PLANNER)
+
+
+def test_pot_that_is_a_bowl_is_declined() -> None:
+    pots = [{"name": "pot", "x": 5, "y": 0, "predicates": ["isbowl"]}]
+    goal = [{"predicate": "isboiling", "args": ["water"], "ids": [1]}]
+    world = kitchen(containers=pots, goal=goal)
+    assert kitchen_search(world, world.initial) is None
 
 
 def test_workshop_is_not_a_kitchen() -> None:

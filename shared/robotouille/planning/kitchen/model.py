@@ -98,11 +98,12 @@ def model_of(world: World, state: State) -> KitchenModel | None:
         or len(rules.processes) > MAX_PROCESSES
     ):
         return None
-    if any(
-        _is_enabled_too_late(state, process, item) for process in rules.processes for item in items
-    ):
+    pairs = [(process, item) for process in rules.processes for item in items]
+    if any(_is_enabled_too_late(state, *p) or _is_blocked(state, *p) for p in pairs):
         return None
     draft = _Draft(world, state, rules, items, containers, stations)
+    if draft.has_pot_as_bowl:
+        return None
     kitchen = draft.kitchen(len(tables), room_for_meals)
     if kitchen is None or draft.longest_delay > MAX_DELAY or draft.uneven:
         return None
@@ -121,6 +122,15 @@ def _is_enabled_too_late(state: State, process: Process, item: str) -> bool:
         return False
     pairs = process.enables
     return any(state.holds(fact, item) and not state.holds(gained, item) for fact, gained in pairs)
+
+
+def _is_blocked(state: State, process: Process, item: str) -> bool:
+    """Return whether a fact forbids a process on an item although its delay has not begun."""
+    if state.holds(process.result, item) or not any(
+        state.holds(f, item) for f in process.forbidden
+    ):
+        return False
+    return not any(name == process.action and item in who for name, _, who, _ in state.timer_rows())
 
 
 _TYPES = ("station", "item", "container", "meal")
@@ -266,6 +276,11 @@ class _Draft:
         types = self.world.table.types
         return predicate in types and self.state.holds(predicate, *names)
 
+    @property
+    def has_pot_as_bowl(self) -> bool:
+        """True if meals could be poured into a pot."""
+        return any(self._holds("ispot", c) and self._holds("isbowl", c) for c in self.containers)
+
     def _container_kinds(self) -> list[int]:
         kinds = []
         for name in self.containers:
@@ -311,7 +326,8 @@ class _Draft:
 
         Return NONE if the process needs no other one, and None if nothing enables it.
         """
-        if self._holds(process.requires, item):
+        # A problem file may declare an item fried although nobody cut it.
+        if self._holds(process.requires, item) or self._holds(process.result, item):
             return NONE
         for number, other in enumerate(self.rules.processes):
             for condition, gained in other.enables:

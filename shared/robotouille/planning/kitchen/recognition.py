@@ -51,6 +51,8 @@ FIXED = {
     "->": "wait",
 }
 
+_FIXED_FACTS = frozenset(re.findall(r"([\w-]+)\(", " ".join(FIXED)))
+
 _NAME = r"([\w-]+)"
 _BEFORE = ["clear(i1)", "item_on(i1,s1)", "loc(p1,s1)", "nothing(p1)"]
 _REPEATED = re.compile(rf"repetitive i1 {{{_NAME}\(i1\)}}")
@@ -66,6 +68,7 @@ class Process:
     """Work on an item: at stations with the fact `station`, on items with the fact `requires`.
 
     `enables` contains pairs: when the process is done, an item with the first fact gets the second.
+    `forbidden` facts of the item prevent the process; it may set them while it runs.
     """
 
     action: str
@@ -74,6 +77,7 @@ class Process:
     result: str
     timed: bool
     enables: tuple[tuple[str, str], ...] = ()
+    forbidden: frozenset[str] = frozenset()
 
 
 @dataclass
@@ -116,7 +120,20 @@ def _are_simple(processes: list[Process]) -> bool:
     if len(set(results)) != len(results) or len(set(gained)) != len(gained):
         return False
     chained = any(p.requires in gained and p.enables for p in processes)
-    return not chained and not any(p.requires in results for p in processes)
+    return not chained and _facts_are_apart(processes, {*results}, {*gained})
+
+
+def _facts_are_apart(processes: list[Process], results: set[str], gained: set[str]) -> bool:
+    """Return whether no process changes a fact that has another meaning for a kitchen."""
+    # A compact state has no room for facts that hold for a while, and does not derive one process
+    # from another except as a prerequisite.
+    forbidden = [fact for p in processes for fact in p.forbidden]
+    changed = [*results, *gained, *forbidden]
+    conditions = {fact for p in processes for fact, _ in p.enables}
+    required = {p.requires for p in processes}
+    if len({*changed}) != len(changed) or conditions.intersection(changed):
+        return False
+    return not (_FIXED_FACTS | required - gained).intersection(changed)
 
 
 def _sentence(action: ActionDef, without: frozenset[str]) -> str:
@@ -163,7 +180,7 @@ def _process(action: ActionDef) -> Process | None:
     enables = [_ENABLING.fullmatch(text) for text in others]
     repeated, timed = _REPEATED.fullmatch(first), _TIMED.fullmatch(first)
     result = repeated[1] if repeated else timed[2] if timed else ""
-    meanwhile = {timed[1], timed[3]} - {None} if timed else set()
+    meanwhile = frozenset({timed[1], timed[3]} - {None} if timed else ())
     if not result or set(forbidden) != meanwhile:
         return None
     pairs = []
@@ -171,4 +188,6 @@ def _process(action: ActionDef) -> Process | None:
         if match is None or result not in (match[1], match[2]):
             return None
         pairs.append((match[1] if match[2] == result else match[2], match[3]))
-    return Process(action.name, stations[0], requires[0], result, timed is not None, tuple(pairs))
+    return Process(
+        action.name, stations[0], requires[0], result, timed is not None, tuple(pairs), meanwhile
+    )
