@@ -107,7 +107,7 @@ def test_general_planners_plan_without_plugins(monkeypatch: pytest.MonkeyPatch) 
 
 def test_built_in_plugin_comes_first(install: Install) -> None:
     install("workshop_planner:WORKSHOP", WORKSHOP_PLANNER)
-    assert solve(World("synchronous/01")).planner == "kitchen A* 2"
+    assert solve(World("synchronous/01")).planner == "kitchen A* 3"
 
 
 @pytest.mark.parametrize(

@@ -151,10 +151,27 @@ def check_heuristic(state: State, distance: int | None) -> bool:
     return True
 
 
-def least_heuristic(search: KitchenSearch) -> int:
+def check_turns(found: Explored) -> None:
+    """Check the heuristic in the middle of steps, after one cook's action that begins no delay."""
+    steps = dict(zip(found.states, found.distances, strict=True))
+    for state in found.states:
+        for action in (a for p in state.world.players for a in state.actions(p) if not a.effects):
+            facts = (state.facts | action.touched) ^ action.removed
+            middle = State(state.world, facts, state.timers)
+            others = [p for p in state.world.players if p != action.player]
+            joints = [[action], *([action, a] for p in others for a in middle.actions(p))]
+            ends = [steps[state.step(joint).state] for joint in joints]
+            least = min((1 + left for left in ends if left is not None), default=None)
+            search = kitchen_search(state.world, middle)
+            assert search is not None
+            if least is not None:
+                assert least_heuristic(search, turns=1) <= least, received(middle, least)
+
+
+def least_heuristic(search: KitchenSearch, turns: int = 0) -> int:
     """Return the least heuristic of all goal assignments at a search's start."""
     kitchen, start, scratch = search.model.record, search.compact, record(new_scratch())
-    found = [heuristic(kitchen, goal, start, scratch, 0) for goal in search.goals]
+    found = [heuristic(kitchen, goal, start, scratch, turns) for goal in search.goals]
     return min(found, default=1 << 30)
 
 

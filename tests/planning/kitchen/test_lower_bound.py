@@ -39,13 +39,15 @@ SMALL = {
     "soup with more vessels": [137, 200, 222, 241, 246, 259],
     "two soups": [14, 28, 31, 32, 37, 67],
     "soup and sandwich": [6, 70],
+    "meals in turn": [53, 196],
+    "patties in turn": [126, 139],
 }
 """Seeds of kitchens with some hundreds of states."""
 
 
-def check_kitchen(seed: int, cap: int, sample: int) -> bool:
+def check_kitchen(seed: int, cap: int, sample: int, dish: str | None = None) -> bool:
     """Check some states of a kitchen. Return False if it has too many states."""
-    world = World(random_kitchen(seed))
+    world = World(random_kitchen(seed, dish=dish))
     found = explored(world, cap)
     if found is None or kitchen_search(world, world.initial) is None:
         return False
@@ -72,7 +74,7 @@ def test_answers_match_brute_force(block: int) -> None:
 
 @pytest.mark.parametrize(("dish", "seed"), small_kitchens())
 def test_heuristic_is_admissible_in_all_states(dish: str, seed: int) -> None:
-    found = explored(World(random_kitchen(seed, dish=dish)), 1000)
+    found = explored(World(random_kitchen(seed, dish=dish)), 1500)
     assert found is not None
     for state, distance in zip(found.states, found.distances, strict=True):
         assert check_heuristic(state, distance)
@@ -83,6 +85,7 @@ def test_ordered_kitchens_match_brute_force() -> None:
     first = random.randrange(1 << 40)
     for seed in range(first, first + ORDERED):
         check_kitchen(seed, 20_000, 40)
+        check_kitchen(seed, 20_000, 40, random.choice(["meals in turn", "patties in turn"]))
 
 
 def check(state: State, steps: int | None, cap: int = 4000) -> list[str]:
@@ -122,6 +125,55 @@ def test_water_boils_in_the_bowl_with_the_pot_on_the_stove() -> None:
     state = act(state, "pick-up-container", "robot1", "pot1", "stove1")
     state = act(state, "move", "robot1", "stove1", "table1")
     assert check(state, 5)[:3] == ["fill-bowl", "move", "place-container"]
+
+
+TWO_SOUPS = [*SOUP, ("in", "water+3 bowl+4"), ("isboiling", "water+3")]
+
+
+@pytest.mark.parametrize(("boil_time", "steps"), [(2, 24), (3, 25)])
+def test_poured_water_boils_on_with_the_next_water(boil_time: int, steps: int) -> None:
+    world = row("table stove sink table", *TWO_SOUPS, things="pot@1 bowl@0 bowl@3", at=3,
+                boil_time=boil_time, fill_time=0)  # fmt: skip
+    check_answer(world.initial, steps)
+
+
+def test_random_kitchen_with_two_soups() -> None:
+    check_answer(World(random_kitchen(111)).initial, 24)
+
+
+@pytest.mark.slow
+def test_poured_water_and_more_water_in_the_same_pot() -> None:
+    goal = [*SOUP, ("isboiling", "water+3")]
+    world = row("sink stove table", *goal, things="pot@1 water@1 bowl@2", at=1,
+                boil_time=3, fill_time=0)  # fmt: skip
+    check(world.initial, 14)
+
+
+def test_patty_goes_back_to_the_stove_on_which_it_was_nearly_done() -> None:
+    world = row("stove stove", ("iscooked", "patty+1"), things="patty@0", cook_time=6)
+    state = waiting(act(world.initial, "cook", "robot1", "patty1", "stove1"), 5)
+    state = act(state, "pick-up-item", "robot1", "patty1", "stove1")
+    state = act(state, "move", "robot1", "stove1", "stove2")
+    state = act(state, "place-item", "robot1", "patty1", "stove2")
+    check_heuristic(state, 3)
+    check_answer(state, 3)
+
+
+def test_pot_goes_back_to_the_stove_on_which_its_water_nearly_boiled() -> None:
+    world = row("stove stove", ("isboiling", "water+1"), things="pot@0 water@0", boil_time=6)
+    state = waiting(act(world.initial, "boil-water", "robot1", "water1", "pot1", "stove1"), 5)
+    state = act(state, "pick-up-container", "robot1", "pot1", "stove1")
+    state = act(state, "move", "robot1", "stove1", "stove2")
+    state = act(state, "place-container", "robot1", "pot1", "stove2")
+    check_heuristic(state, 3)
+    check_answer(state, 3)
+
+
+def test_useless_item_goes_into_a_pot_that_is_in_the_way() -> None:
+    goal = [("addedto", "onion+1 water+2"), ("iscut", "onion+1")]
+    world = row("board table table", *goal, things="pot@0 water@0 onion@1 bread@1", at=1,
+                num_cuts=1)  # fmt: skip
+    check(act(world.initial, "unstack", "robot1", "bread1", "onion1", "table1"), 13)
 
 
 def test_held_item_is_not_clear() -> None:

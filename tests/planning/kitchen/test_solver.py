@@ -15,7 +15,13 @@ from robotouille.domain.schema import DomainFile
 from robotouille.planning.kitchen.solver import PLANNER, kitchen_search
 from robotouille.planning.plan import Limits, Proof, SearchResult, replay
 from robotouille.planning.solvers import solve
-from tests.planning.kitchen.kitchens import Explored, check_answer, check_heuristic, explored
+from tests.planning.kitchen.kitchens import (
+    Explored,
+    check_answer,
+    check_heuristic,
+    check_turns,
+    explored,
+)
 from tests.planning.kitchen.random_kitchens import random_kitchen
 from tests.support.samples import quick_sample
 from tests.support.solvers import SHIPPED
@@ -241,6 +247,20 @@ def test_cook_enters_a_station_as_another_leaves() -> None:
 def test_no_free_station_blocks_all_cooks() -> None:
     goal = [term("iscooked", ("patty", 1))]
     agrees(pair("stove table", goal, {"patty": 1}, config=delays(cook_time=0)), None)
+
+
+@pytest.mark.slow
+def test_delay_that_ends_with_a_step_needs_no_waiting() -> None:
+    goal = [
+        term("iscooked", ("patty", 1)),
+        term("item_on", ("patty", 1), ("table", 3)),
+        term("item_on", ("cheese", 2), ("table", 4)),
+    ]
+    things = {"patty": 0, "cheese": 3}
+    world = pair("stove table table sink", goal, things, config=delays(cook_time=1))
+    found = explored(world, 3000)
+    assert found is not None
+    check_turns(found)
 
 
 @pytest.mark.slow

@@ -29,7 +29,7 @@ from robotouille.planning.kitchen.search import EMPTY, GROW, PAUSED, PROVEN, ast
 from robotouille.planning.plan import UNLIMITED, Limits, Plan, Proof, SearchResult, Watch
 from robotouille.world.world import State, World
 
-PLANNER = "kitchen A* 2"
+PLANNER = "kitchen A* 3"
 
 # The number of joint actions grows exponentially with the players, and so does the time for one
 # expansion. All these numbers therefore depend on the number of players.

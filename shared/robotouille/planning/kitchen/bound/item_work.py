@@ -17,7 +17,13 @@ happens, and in each of its three steps the player deals with this item only.
 
 from __future__ import annotations
 
-from robotouille.planning.kitchen.bound.scratch import Scratch, walk_before_put, walk_to
+from robotouille.planning.kitchen.bound.scratch import (
+    DEAD_END,
+    Scratch,
+    return_walk,
+    walk_before_put,
+    walk_to,
+)
 from robotouille.planning.kitchen.compact_state import NONE, POT, CompactState, GoalSpec, Kitchen
 from robotouille.planning.kitchen.kernels import kernel
 from robotouille.planning.kitchen.transitions import is_done, place_of_object
@@ -60,10 +66,10 @@ def add_item_work(
         return True
     scratch.leaves[o] = 1 if deliveries else 0
     # While a process runs, some player has to come back for the item, or wait next to it.
+    walk = walk_to(kitchen, state, o, scratch)
     if scratch.works_here[o] == 0 and is_running_here(kitchen, goal, state, o):
-        scratch.work[o] += 1
+        scratch.work[o] += return_walk(least_rest(kitchen, goal, state, o), walk, scratch)
     else:
-        walk = walk_to(kitchen, state, o, scratch)
         scratch.work[o] += walk
         scratch.chain[o] += walk
     return True
@@ -176,14 +182,27 @@ def add_work_here(
         scratch.work[o] += left
         scratch.chain[o] += left
         return 0
+    # Another station at which the delay was interrupted may be quicker.
+    elsewhere = 3 + least_left(kitchen, state, q, o, station)
     count = state.counters[kitchen.process_timer[q][o][station]]
     if count > 0:
-        scratch.chain[o] += total + 1 - count
+        scratch.chain[o] += min(total + 1 - count, elsewhere)
         return 0
     scratch.works_here[o] = 1
     scratch.work[o] += 1
-    scratch.chain[o] += total
+    scratch.chain[o] += min(total, elsewhere)
     return 1 if total > 1 else 0
+
+
+@kernel
+def least_left(kitchen: Kitchen, state: CompactState, q: int, o: int, without: int) -> int:
+    """Return the least rest of a begun delay without that at one station, or its total."""
+    left = kitchen.total[q][o]
+    for station in range(kitchen.stations):
+        counter = kitchen.process_timer[q][o][station]
+        if station != without and counter != NONE and state.counters[counter] > 0:
+            left = min(left, kitchen.total[q][o] - state.counters[counter])
+    return left
 
 
 @kernel
@@ -199,12 +218,8 @@ def add_work_elsewhere(
         return 0
     # An interrupted delay continues in the step in which the item is put back. The bound uses the
     # station with the least time left.
-    start = 1
-    for station in range(kitchen.stations):
-        counter = kitchen.process_timer[q][o][station]
-        if counter != NONE and state.counters[counter] > 0:
-            start = 0
-            left = min(left, kitchen.total[q][o] - state.counters[counter])
+    left = least_left(kitchen, state, q, o, NONE)
+    start = 0 if left < kitchen.total[q][o] else 1
     scratch.work[o] += start
     scratch.chain[o] += left
     return 1 if left > start else 0
@@ -213,12 +228,19 @@ def add_work_elsewhere(
 @kernel
 def is_running_here(kitchen: Kitchen, goal: GoalSpec, state: CompactState, o: int) -> bool:
     """Return whether a wanted process runs on an item at its place."""
+    return least_rest(kitchen, goal, state, o) < DEAD_END
+
+
+@kernel
+def least_rest(kitchen: Kitchen, goal: GoalSpec, state: CompactState, o: int) -> int:
+    """Return the steps until a wanted process ends that runs on an item at its place."""
     station = state.below[o] - kitchen.objects
+    rest = DEAD_END
     if not 0 <= station < kitchen.stations:
-        return False
+        return rest
     for q in range(kitchen.processes):
         if goal.wanted_process[q][o] and kitchen.timed[q]:
             counter = kitchen.process_timer[q][o][station]
             if counter != NONE and state.counters[counter] > 0:
-                return True
-    return False
+                rest = min(rest, kitchen.total[q][o] + 1 - state.counters[counter])
+    return rest

@@ -74,7 +74,7 @@ def heuristic(
 
     `turns` players of a team have acted in the first of these steps.
     """
-    clear_scratch(kitchen, state, scratch)
+    clear_scratch(kitchen, state, turns, scratch)
     for o in range(kitchen.items):
         if goal.about[o] and not add_item_work(kitchen, goal, state, o, scratch):
             return DEAD_END
@@ -98,7 +98,7 @@ def heuristic(
     # Cycles give no bound for teams: another player's hand can hold an object without a stop.
     if kitchen.players > 1:
         chain = max(chain, longest_queue(kitchen, goal, state, scratch))
-        return max(chain, shared_work(kitchen, goal, work, clearing, turns, scratch))
+        return max(chain, shared_work(kitchen, goal, work, clearing, scratch))
     return max(chain, work + cycle_packing(kitchen, goal, state, scratch))
 
 

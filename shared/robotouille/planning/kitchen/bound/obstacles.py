@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from robotouille.planning.kitchen.applicable import is_empty
 from robotouille.planning.kitchen.bound.item_work import has_place
 from robotouille.planning.kitchen.bound.scratch import DEAD_END, Scratch, walk_to
-from robotouille.planning.kitchen.compact_state import NONE, CompactState, GoalSpec, Kitchen
+from robotouille.planning.kitchen.compact_state import NONE, POT, CompactState, GoalSpec, Kitchen
 from robotouille.planning.kitchen.kernels import kernel
 
 
@@ -121,7 +122,16 @@ def clearing_work_of(kitchen: Kitchen, state: CompactState, station: int, scratc
         if not scratch.leaves[o]:
             work += 3
             if scratch.works_here[o] == 0:
-                work += walk_to(kitchen, state, o, scratch)
+                walk = walk_to(kitchen, state, o, scratch)
+                work += walk
+                # A player who adds something to a pot stands there already.
+                scratch.water_walks += walk if has_water(kitchen, state, o) else 0
             scratch.maybe_added += 1
         o = scratch.above[o]
     return work
+
+
+@kernel
+def has_water(kitchen: Kitchen, state: CompactState, o: int) -> bool:
+    """Return whether an object is a pot with a meal, to which items can be added."""
+    return kitchen.container_kind[o] == POT and not is_empty(kitchen, state, o)

@@ -24,6 +24,8 @@ DEAD_END = 1 << 20
 class Scratch:
     """Work space. Every field is reset for each state, unless its description names an owner."""
 
+    turns: int
+    """Players of a team that have acted in the first step."""
     free_hands: int
     """Objects that are only taken off others and need not be put down again."""
     water_walks: int
@@ -65,6 +67,7 @@ def new_scratch() -> Scratch:
     """Return work space for any state of any kitchen."""
     # Full size for any kitchen: records have a fixed size anyway.
     return Scratch(
+        turns=0,
         free_hands=0,
         water_walks=0,
         maybe_added=0,
@@ -86,8 +89,9 @@ def new_scratch() -> Scratch:
 
 
 @kernel
-def clear_scratch(kitchen: Kitchen, state: CompactState, scratch: Scratch) -> None:
-    """Reset the notes, and note what is on what."""
+def clear_scratch(kitchen: Kitchen, state: CompactState, turns: int, scratch: Scratch) -> None:
+    """Reset the notes, and note the turns and what is on what."""
+    scratch.turns = turns
     scratch.free_hands = 0
     scratch.water_walks = 0
     scratch.maybe_added = 0
@@ -121,6 +125,16 @@ def walk_to(kitchen: Kitchen, state: CompactState, o: int, scratch: Scratch) -> 
         if state.place[p] == place and state.held[p] == 0:
             return 0
     return 1
+
+
+@kernel
+def return_walk(rest: int, walk: int, scratch: Scratch) -> int:
+    """Return the steps in which a player walks back to a delay with a rest, or waits for its end.
+
+    `walk` is the walk there.
+    """
+    # The delay may end with this step, and the player who put the object there has acted in it.
+    return walk if rest == 1 and scratch.turns > 0 else 1
 
 
 @kernel

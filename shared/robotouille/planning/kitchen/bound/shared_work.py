@@ -10,7 +10,7 @@ from robotouille.planning.kitchen.kernels import kernel
 
 @kernel
 def shared_work(
-    kitchen: Kitchen, goal: GoalSpec, work: int, clearing: int, turns: int, scratch: Scratch
+    kitchen: Kitchen, goal: GoalSpec, work: int, clearing: int, scratch: Scratch
 ) -> int:
     """Return the steps in which several players can do the work."""
     # Players do not find work for everybody until the end: each object occupies one player at a
@@ -26,7 +26,7 @@ def shared_work(
     left = work
     last = 0
     while left > 0:
-        longest = max(longest, last + -(-(left + turns) // kitchen.players))
+        longest = max(longest, last + -(-(left + scratch.turns) // kitchen.players))
         left -= clearing if last == 0 else 0
         for o in range(kitchen.items):
             if scratch.tail[o] <= last < scratch.tail[o] + scratch.work[o]:

@@ -11,16 +11,21 @@ counts steps about pots. Two cases are subtracted again:
 * A player who adds an item to the meal stands at the pot afterwards and need not walk back. So
   walks to a pot with water (`Scratch.water_walks`) are subtracted once for each item that may have
   been added (`Scratch.maybe_added`).
-* One pot may serve several meals. The first meal counts with the cheapest pot. Each further meal
-  counts 3 steps less, because the pot may still be in hand after it was poured.
+* One pot may serve several meals. The first meal counts with the cheapest pot. A meal that still
+  has to be made counts 3 steps less if another one was counted: the pot may still be in hand after
+  it was poured, and nobody has to wait for a meal that can boil on in its bowl.
+
+A pot that is brought to a stove serves all meals that were heated in it there, also those that were
+poured too soon. So the work to bring it back counts once, and not at all if the pot is brought to a
+stove for the next meal.
 """
 
 from __future__ import annotations
 
 from robotouille.planning.kitchen.applicable import is_empty
+from robotouille.planning.kitchen.bound.meal_route import route
 from robotouille.planning.kitchen.bound.scratch import DEAD_END, Scratch, walk_before_put, walk_to
 from robotouille.planning.kitchen.compact_state import (
-    BOWL,
     FILLING,
     NONE,
     POT,
@@ -29,7 +34,6 @@ from robotouille.planning.kitchen.compact_state import (
     Kitchen,
 )
 from robotouille.planning.kitchen.kernels import kernel
-from robotouille.planning.kitchen.transitions import place_of_object
 
 
 @kernel
@@ -42,6 +46,8 @@ def add_vessel_work(
             add_serving(kitchen, state, c, scratch)
     cooked = 0
     scratch.pots_open = 1 if meals_to_cook(kitchen, goal, state) > 1 else 0
+    for pot in range(kitchen.items, kitchen.objects):
+        add_return_of_pot(kitchen, goal, state, pot, scratch)
     for m in range(kitchen.meals):
         if not goal.wanted_meal[m]:
             continue
@@ -51,13 +57,15 @@ def add_vessel_work(
             # Only pots can be poured, so a meal in a wrong bowl stays there.
             if vessel not in (NONE, container):
                 return False
-            if not add_work_in_vessel(kitchen, goal, state, m, scratch):
+            if not add_meal_in_vessel(kitchen, goal, state, m, scratch):
                 return False
         else:
             if not add_cooking(kitchen, goal, state, m, container, cooked, scratch):
                 return False
             cooked += 1
     turns = turns_at_sinks(kitchen, goal, state)
+    if may_fill_twice(kitchen, state):
+        turns = 0
     if turns > 0 and scratch.filling_chain < DEAD_END:
         # A pot is filled, taken away and replaced: the player leaves, and the next one fills.
         later = (turns - 1) * (kitchen.fill_total + 3)
@@ -75,11 +83,7 @@ def turns_at_sinks(kitchen: Kitchen, goal: GoalSpec, state: CompactState) -> int
     for pot in range(kitchen.items, kitchen.objects):
         if is_filling(kitchen, state, pot):
             unfilled -= 1
-    sinks = 0
-    for station in range(kitchen.stations):
-        if kitchen.station_class[station] == kitchen.sink_class:
-            sinks += 1
-    return -(-unfilled // max(1, sinks))
+    return -(-unfilled // max(1, sinks(kitchen)))
 
 
 @kernel
@@ -124,69 +128,80 @@ def walk_with_bowl(kitchen: Kitchen, state: CompactState, c: int) -> int:
 
 
 @kernel
-def walk_with_pot(kitchen: Kitchen, goal: GoalSpec, state: CompactState, m: int, pot: int) -> int:
-    """Return 1 if a held pot has to be carried elsewhere before the next work on a meal, else 0."""
-    if kitchen.players == 1:
-        return walk_before_put(kitchen, state)
-    place = state.place[state.below[pot] - kitchen.hand_code]
-    station = place - kitchen.objects
-    only = NONE
-    if 0 <= station < kitchen.stations:
-        only = kitchen.station_class[station]
-    if state.inside[m] == 0:
-        # A pot with another meal may be poured first.
-        return 1 if is_empty(kitchen, state, pot) and only != kitchen.sink_class else 0
-    if goal.boiling[m] and not state.boiled[m]:
-        # Water that was heated may boil on in the bowl.
-        for i in range(kitchen.stations):
-            counter = kitchen.boil_timer[m][pot][i]
-            if counter != NONE and state.counters[counter] > 0:
-                return 0
-        return 0 if only == kitchen.stove_class else 1
-    for bowl in range(kitchen.items, kitchen.objects):
-        is_bowl = kitchen.container_kind[bowl] == BOWL
-        if is_bowl and place_of_object(kitchen, state, bowl) == place:
-            return 0
-    return 1
-
-
-@kernel
-def add_work_in_vessel(
+def add_meal_in_vessel(
     kitchen: Kitchen, goal: GoalSpec, state: CompactState, m: int, scratch: Scratch
 ) -> bool:
-    """Note the work on a meal that is in its final vessel. Return False if the meal is lost."""
+    """Note the chain of a meal that is in its final vessel. Return False if the meal is lost."""
     for o in range(kitchen.items):
         if goal.added_to[o] == m and state.below[o] != kitchen.meal_code + m:
             return False
-    # Boiling continues while the pot is on the stove, even after the meal was poured.
-    if not goal.boiling[m] or state.boiled[m]:
+    if not boils_on(goal, state, m):
         return True
     soonest = DEAD_END
-    least = DEAD_END
-    chosen = NONE
     for pot in range(kitchen.items, kitchen.objects):
         for station in range(kitchen.stations):
             counter = kitchen.boil_timer[m][pot][station]
             if counter == NONE or state.counters[counter] == 0:
                 continue
             left = kitchen.boil_total + 1 - state.counters[counter]
-            work = 0
-            if state.below[pot] != kitchen.objects + station:
-                if state.below[pot] >= kitchen.hand_code:
-                    work = 1 + walk_before_put(kitchen, state)
-                else:
-                    work = 3 + walk_to(kitchen, state, pot, scratch)
-                left += work - 1
-            soonest = min(soonest, left)
-            least = min(least, work)
-            if chosen != NONE:
-                scratch.pots_open = 1
-            chosen = pot
-    if chosen == NONE:
-        return False
+            work = work_to_put_back(kitchen, state, pot, station, scratch)
+            soonest = min(soonest, left + max(0, work - 1))
     scratch.meal_chain = max(scratch.meal_chain, soonest)
-    scratch.work[chosen] += least
-    return True
+    return soonest < DEAD_END
+
+
+@kernel
+def boils_on(goal: GoalSpec, state: CompactState, m: int) -> bool:
+    """Return whether a meal of the goal still has to boil."""
+    return goal.boiling[m] == 1 and not state.boiled[m]
+
+
+@kernel
+def work_to_put_back(
+    kitchen: Kitchen, state: CompactState, pot: int, station: int, scratch: Scratch
+) -> int:
+    """Return the work to bring a pot to a stove, without the walk with it that may be over."""
+    if state.below[pot] == kitchen.objects + station:
+        return 0
+    if state.below[pot] >= kitchen.hand_code:
+        return 1 + walk_before_put(kitchen, state)
+    return 3 + walk_to(kitchen, state, pot, scratch)
+
+
+@kernel
+def add_return_of_pot(
+    kitchen: Kitchen, goal: GoalSpec, state: CompactState, pot: int, scratch: Scratch
+) -> None:
+    """Note the work to bring a pot to a stove for meals that were poured before they boiled."""
+    work = 0
+    for m in range(kitchen.meals):
+        container = state.inside[m] - 1
+        is_poured = container >= 0 and kitchen.container_kind[container] != POT
+        if not goal.wanted_meal[m] or not is_poured or not boils_on(goal, state, m):
+            continue
+        least = DEAD_END
+        for station in range(kitchen.stations):
+            counter = kitchen.boil_timer[m][pot][station]
+            if counter != NONE and state.counters[counter] > 0:
+                least = min(least, work_to_put_back(kitchen, state, pot, station, scratch))
+        # One return serves all meals: no sum, since their delays run at the same time.
+        if least < DEAD_END:
+            work = max(work, least)
+    if work == 0:
+        return
+    scratch.leaves[pot] = 1
+    for m in range(kitchen.meals):
+        if goal.wanted_meal[m] and state.inside[m] in (0, pot + 1):
+            # The order of the pot's deliveries is open.
+            scratch.pots_open = 1
+            if boils_on(goal, state, m):
+                # The work on this meal may contain the way to that stove.
+                return
+            # After that meal was poured, the pot only has to be carried to the stove.
+            work = min(work, 2)
+    if not is_empty(kitchen, state, pot):
+        scratch.water_walks += max(0, work - 3)
+    scratch.work[pot] += work
 
 
 @kernel
@@ -236,7 +251,9 @@ def add_cooking(
         return False
     scratch.meal_chain = max(scratch.meal_chain, soonest)
     scratch.water_walks += walks
-    scratch.work[chosen] += least if cooked == 0 else max(0, least - 3)
+    if not shares_pot(goal, state, m):
+        saved = 0 if cooked == 0 else 3 + saved_by_filling_twice(kitchen, state)
+        scratch.work[chosen] += max(0, least - saved)
     if candidates == 1 and least > 0 and not scratch.pots_open:
         add_pot_deliveries(kitchen, goal, state, m, chosen, scratch)
     elif least > 0:
@@ -248,6 +265,51 @@ def add_cooking(
             if kitchen.container_kind[pot] == POT and is_candidate:
                 scratch.leaves[pot] = 1
     return True
+
+
+@kernel
+def saved_by_filling_twice(kitchen: Kitchen, state: CompactState) -> int:
+    """Return the steps that a meal may save because its pot contains two meals."""
+    if may_fill_twice(kitchen, state):
+        return 3
+    # The first filling would still have to be interrupted.
+    return 1 if sinks(kitchen) > 1 and kitchen.fill_total > 1 else 0
+
+
+@kernel
+def may_fill_twice(kitchen: Kitchen, state: CompactState) -> bool:
+    """Return whether a pot may get a second meal because its filling was interrupted."""
+    # The interrupted filling goes on at its sink, also after another sink has filled the pot.
+    if sinks(kitchen) < 2:
+        return False
+    for pot in range(kitchen.items, kitchen.objects):
+        for station in range(kitchen.stations):
+            counter = kitchen.fill_timer[pot][station]
+            if counter != NONE and state.counters[counter] > 0:
+                is_here = state.below[pot] == kitchen.objects + station
+                if not is_here or not is_empty(kitchen, state, pot):
+                    return True
+    return False
+
+
+@kernel
+def sinks(kitchen: Kitchen) -> int:
+    """Return the number of sinks."""
+    count = 0
+    for station in range(kitchen.stations):
+        if kitchen.station_class[station] == kitchen.sink_class:
+            count += 1
+    return count
+
+
+@kernel
+def shares_pot(goal: GoalSpec, state: CompactState, m: int) -> bool:
+    """Return whether an earlier meal of the goal is in the same pot."""
+    # The work on one of the meals is a lower bound for both.
+    for other in range(m):
+        if goal.wanted_meal[other] and 0 < state.inside[m] == state.inside[other]:
+            return True
+    return False
 
 
 @kernel
@@ -274,150 +336,3 @@ def add_pot_deliveries(
     scratch.first_stop[pot] = first
     if under < kitchen.hand_code and scratch.deliveries[pot] > 0:
         scratch.leaves[pot] = 1
-
-
-@kernel
-def route(
-    kitchen: Kitchen, goal: GoalSpec, state: CompactState, m: int, pot: int, scratch: Scratch
-) -> tuple[int, int, int]:
-    """Return the work and chain of a meal in a pot, and the walks to the pot while it has water."""
-    under = state.below[pot]
-    is_held = under >= kitchen.hand_code
-    walk = 0 if is_held else walk_to(kitchen, state, pot, scratch)
-    first = 1 + walk_with_pot(kitchen, goal, state, m, pot) if is_held else 3 + walk
-    is_dry = state.inside[m] == 0
-    work, chain, back = 0, 0, walk
-    if is_dry:
-        work, chain, back = filling(kitchen, state, pot, walk, first)
-    water_walks = 0
-    boils = goal.boiling[m] and not state.boiled[m]
-    pours = goal.vessel[m] != NONE
-    if boils:
-        water_walks = back
-        more, later, back = heating(kitchen, goal, state, m, pot, first, back)
-        if more == 0:
-            water_walks = 0
-        work += more
-        chain += later
-    if pours and is_held and not is_dry and not boils:
-        work += first
-        chain += first
-    elif pours:
-        work += back + 3
-        water_walks += back
-        chain += 3 if is_dry or boils else 3 + back
-    if pours:
-        chain += adding_steps(kitchen, goal, state, m, pot, walk)
-    return work, chain, water_walks
-
-
-@kernel
-def adding_steps(
-    kitchen: Kitchen, goal: GoalSpec, state: CompactState, m: int, pot: int, walk: int
-) -> int:
-    """Return how much longer a meal's chain becomes because items have to be added before pouring.
-
-    In a step in which a player adds something, nobody else deals with the pot.
-    """
-    adding = 0
-    for o in range(kitchen.items):
-        if goal.added_to[o] == m and state.below[o] < kitchen.meal_code:
-            adding += 1
-    # The player who adds an item need not walk to the pot.
-    meanwhile = walk if state.inside[m] > 0 else 0
-    # While the water boils, an item can be added in every second step.
-    if goal.boiling[m] and not state.boiled[m]:
-        delay = kitchen.boil_total - 2
-        for station in range(kitchen.stations):
-            counter = kitchen.boil_timer[m][pot][station]
-            if counter != NONE and state.counters[counter] > 0:
-                delay = max(delay, kitchen.boil_total + 1 - state.counters[counter])
-        meanwhile += (delay + 1) // 2
-    return max(0, adding - meanwhile)
-
-
-@kernel
-def station_of(kitchen: Kitchen, state: CompactState, o: int) -> int:
-    """Return the station with a purpose on which an object stands, or NONE."""
-    station = state.below[o] - kitchen.objects
-    return station if 0 <= station < kitchen.stations else NONE
-
-
-@kernel
-def filling(
-    kitchen: Kitchen, state: CompactState, pot: int, walk: int, first: int
-) -> tuple[int, int, int]:
-    """Return work and chain until a pot contains water, and whether a player has to come back.
-
-    `walk` is the walk to the pot; `first` is the work to bring it to another station.
-    """
-    station = station_of(kitchen, state, pot)
-    if station != NONE and kitchen.station_class[station] == kitchen.sink_class:
-        count = state.counters[kitchen.fill_timer[pot][station]]
-        if count > 0:
-            return 0, kitchen.fill_total + 1 - count, 1
-        return walk + 1, walk + kitchen.fill_total, 1 if kitchen.fill_total > 1 else 0
-    left = kitchen.fill_total
-    start = 1
-    for i in range(kitchen.stations):
-        counter = kitchen.fill_timer[pot][i]
-        if counter != NONE and state.counters[counter] > 0:
-            start = 0
-            left = min(left, kitchen.fill_total - state.counters[counter])
-    # A pot with another meal is poured and carried to the sink: two steps more.
-    soonest = first if is_empty(kitchen, state, pot) else first + 2
-    soonest = max(soonest, steps_until_sink(kitchen, state))
-    return first + start, soonest + left, 1 if left > start else 0
-
-
-@kernel
-def steps_until_sink(kitchen: Kitchen, state: CompactState) -> int:
-    """Return the steps until a pot that is not at a sink can be put there."""
-    soonest = DEAD_END
-    for station in range(kitchen.stations):
-        if kitchen.station_class[station] != kitchen.sink_class:
-            continue
-        steps = 0
-        for o in range(kitchen.objects):
-            if state.below[o] == kitchen.objects + station:
-                # The object is taken away, its player leaves, and the next one puts the pot there.
-                steps = 3
-                counter = NONE if o < kitchen.items else kitchen.fill_timer[o][station]
-                if counter != NONE and state.counters[counter] > 0:
-                    steps += kitchen.fill_total + 1 - state.counters[counter]
-        soonest = min(soonest, steps)
-    return soonest
-
-
-@kernel
-def heating(
-    kitchen: Kitchen, goal: GoalSpec, state: CompactState, m: int, pot: int, first: int, back: int
-) -> tuple[int, int, int]:
-    """Return work and chain until a meal boils, and whether a player has to come back.
-
-    `back` is the walk to the pot once it contains water; `first` is the work to bring it elsewhere.
-    """
-    station = station_of(kitchen, state, pot)
-    is_dry = state.inside[m] == 0
-    left = kitchen.boil_total
-    start = 1
-    boils_here = False
-    for i in range(kitchen.stations):
-        counter = kitchen.boil_timer[m][pot][i]
-        if counter != NONE and state.counters[counter] > 0:
-            start = 0
-            here = i == station and not is_dry
-            boils_here = boils_here or here
-            left = min(left, kitchen.boil_total - state.counters[counter] + (1 if here else 0))
-    if boils_here:
-        return 0, left, 1
-    if not is_dry and station != NONE and kitchen.station_class[station] == kitchen.stove_class:
-        return back + 1, back + kitchen.boil_total, 1 if kitchen.boil_total > 1 else 0
-    returns = 1 if left > start else 0
-    if is_dry:
-        return back + 3 + start, 3 + left, returns
-    # After an interruption it is one step less to pour first and then put the pot back on the
-    # stove: the water boils in the bowl.
-    if start == 0 and goal.vessel[m] != NONE:
-        return first - 1 - returns, first + left - 1, returns
-    return first + start, first + left, returns
