@@ -153,6 +153,23 @@ def test_pot_that_is_a_bowl_is_declined() -> None:
     assert kitchen_search(world, world.initial) is None
 
 
+@pytest.mark.parametrize(("boils", "steps"), [(True, 7), (False, 2)])
+def test_meals_that_stay_in_a_pot_are_left_to_another_planner(boils: bool, steps: int) -> None:
+    goal = [{"predicate": "in", "args": ["water", "pot"], "ids": [1, 2]}]
+    if boils:
+        goal.append({"predicate": "isboiling", "args": ["water"], "ids": [1]})
+    world = kitchen(
+        containers=[{"name": "pot", "x": 5, "y": 0}],
+        players=[{"name": "robot", "x": 5, "y": 1, "direction": [0, -1]}],
+        config={"fill_time": {"default": 1}, "boil_time": {"default": 1}},
+        goal=goal,
+    )
+    answer = solve(world)
+    assert answer.plan is not None
+    assert (len(answer.plan), answer.optimal) == (steps, True)
+    assert answer.planner != PLANNER
+
+
 def test_workshop_is_not_a_kitchen() -> None:
     assert recognise(read_domain("workshop")) is None
     world = World("workshop/01")

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from robotouille.domain.schema import GoalTerm
-from robotouille.planning.kitchen.compact_state import NONE, CompactState, GoalSpec
+from robotouille.planning.kitchen.compact_state import NONE, POT, CompactState, GoalSpec
 from robotouille.planning.kitchen.model import KitchenModel
 
 # Each assignment is a start node of its own. The general planner, which needs no assignment, takes
@@ -68,7 +68,7 @@ def _read(model: KitchenModel) -> _Wants | None:
             return None
     if any(station not in wants.lowest for _, station in wants.there):
         return None
-    if _contradicts_itself(wants):
+    if _contradicts_itself(wants) or _is_served_in_a_pot(model, wants):
         return None
     placed = {*wants.lowest.values(), *(i for i, _ in wants.there), *(i for i, _ in wants.atop)}
     if not placed.issuperset(wants.clear):
@@ -93,6 +93,13 @@ def _contradicts_itself(wants: _Wants) -> bool:
     served = list(wants.served.values())
     twice = len(set(served)) != len(served)
     return bool(several or twice or elsewhere or somewhere & set(added) or set(lowest) & set(upper))
+
+
+def _is_served_in_a_pot(model: KitchenModel, wants: _Wants) -> bool:
+    """Return whether the goal may want a meal in a certain pot."""
+    # The heuristic assumes that meals are poured into the container that the goal names.
+    vessels = [o for _, variable in wants.inside for o in _candidates(model, variable)]
+    return any(model.kitchen.container_kind[o] == POT for o in vessels)
 
 
 def _lacks_something(model: KitchenModel) -> bool:
