@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from robotouille.certification.certificate import load_certificate
 from robotouille.episode import quota, seats
 from robotouille.errors import RecordingError
 from robotouille.replay.recorder import Recorder
@@ -18,7 +19,7 @@ from robotouille.world.world import World
 from robotouille_server.rooms.recording import journal
 from robotouille_server.rooms.recording.storage import Folder
 from tests.support.random_play import random_stream
-from tests.support.servers import raw, serving
+from tests.support.servers import raw, serving, with_clients
 from tests.support.virtual_time import virtual
 
 IMPOSSIBLE = {"name": "move", "args": ["robot1", "table1", "table2"]}
@@ -121,6 +122,26 @@ async def test_episode_ends_after_too_many_changes(
     assert 20 < recording.totals.changes < 30
 
 
+@virtual
+async def test_episode_ends_after_too_many_created_objects(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(journal, "MAX_RECORDING_CREATED", 5)
+    async with with_clients(tmp_path, "ada") as (_, ada):
+        created = await ada.create("asynchronous/07", clock="lockstep", timing="benchmark")
+        game = await ada.join(created.code)
+        for line in load_certificate("asynchronous/07").plan or ():
+            if game.ended:
+                break
+            await game.act(game.world.parse(game.state, game.seat, line))
+        assert game.outcome is not None
+        assert game.outcome["detail"] == "the recording has reached its maximum size"
+    (file,) = tmp_path.glob("*.rbt")
+    recording = read_recording(file)
+    assert recording.verify().ok
+    assert 5 < recording.totals.created < 50
+
+
 class BlockedFolder(Folder):
     """Folder in which no recording is closed until `unblocked` is set."""
 
@@ -165,6 +186,7 @@ def test_closed_recording_is_never_replaced_by_another(tmp_path: Path) -> None:
 def test_writers_limit_is_below_the_readers_limit() -> None:
     from robotouille.replay.container import (
         MAX_CHANGES,
+        MAX_CREATED,
         MAX_FILE,
         MAX_FRAMES,
         MAX_NOTES,
@@ -181,6 +203,7 @@ def test_writers_limit_is_below_the_readers_limit() -> None:
     assert journal.MAX_RECORDING_REASONS + 2**18 < MAX_REASONS
     assert journal.MAX_RECORDING_TEXTS + 2**24 < MAX_TEXTS
     assert journal.MAX_RECORDING_CHANGES + 2**18 < MAX_CHANGES
+    assert journal.MAX_RECORDING_CREATED + 2**16 < MAX_CREATED
     # One hostile participant cannot end the episode of the others.
     assert 2 * 4 * quota.MAX_SEAT_BYTES < journal.MAX_RECORDING_TEXTS
     assert 2 * quota.MAX_SEAT_BYTES / quota.NOTE_BYTES < journal.MAX_RECORDING_NOTES

@@ -43,8 +43,9 @@ class JaxShift:
         initial: The first orders.
 
     Raises:
-        RobotouilleError: Objects can be created. `ShiftRules` uses the names of returned objects
-            again, which slots cannot represent.
+        RobotouilleError: Objects can be created: `ShiftRules` uses the names of returned objects
+            again, which slots cannot represent. Or only facts that never change describe a part of
+            a dish, so the facts do not tell which things are the dish.
     """
 
     def __init__(self, rules: CompiledRules, shift: ShiftRules, mentions: Array) -> None:
@@ -52,6 +53,11 @@ class JaxShift:
             raise RobotouilleError(
                 f"{rules.world.task.name}: JaxBatch does not support shifts in which objects are "
                 "created; use the environments"
+            )
+        if vague := [name for name in shift.menu if _is_vague(shift, name, rules)]:
+            raise RobotouilleError(
+                f"{rules.world.task.name}: JaxBatch does not support the dish {vague[0]!r}, "
+                "which has a part that no changing condition is about; use the environments"
             )
         self.steps = shift.steps
         self._most = shift.most_open
@@ -165,3 +171,11 @@ def _without(orders: CopyOrders, gone: Array) -> CopyOrders:
         number=jnp.full_like(orders.number, -1).at[place].set(orders.number, mode="drop"),
         due=jnp.zeros_like(orders.due).at[place].set(orders.due, mode="drop"),
     )
+
+
+def _is_vague(shift: ShiftRules, name: str, rules: CompiledRules) -> bool:
+    """Return whether no condition that can change is about some part of a dish."""
+    goal, fluents = shift.goal(name), rules.world.table.fluents
+    described = {i for term in goal.terms if term.predicate in fluents for i in term.ids}
+    others = (goal.candidates(i) for i in goal.variables if i not in described)
+    return any(shift.returns.movable.intersection(names) for names in others)

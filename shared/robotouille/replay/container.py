@@ -52,9 +52,9 @@ MAX_TEXTS = 256 * 1024 * 1024
 bytes for each character, which it can take in memory: one emoji in it is enough."""
 MAX_CHANGES = 25_000_000
 """Entries of `add` and `remove` in all steps of a recording. Games have about ten in a step."""
-MAX_CREATED = 100_000
-"""Entries of `objects` and `atoms` in all steps of a recording. Play creates objects with 12,000
-facts at most."""
+MAX_CREATED = 1_000_000
+"""Entries of `objects` and `atoms` in all steps of a recording. A step lists an object and its
+facts, 12,000 at most, whenever the object is created: also if it had existed before."""
 
 WHOLE = 4 * 1024
 """Bytes of a payload that is decoded as a whole: to look for single fields would be slower."""

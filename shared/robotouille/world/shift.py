@@ -107,12 +107,9 @@ class ShiftRules:
             name: sum(self.returns.moves(_type_of(v, task)) for v in goal.variables.values())
             for name, goal in self._goals.items()
         }
-        self._known: dict[tuple[str, int], bool] = {}
-        counter, bins = shift.serve.station, shift.discard
-        self.serving = self.returns.surfaces(counter)
-        self.discarding = self.returns.surfaces(bins) if bins is not None else {}
-        self._serving_mask = self.returns.things_mask(self.serving)
-        self._discarding_mask = self.returns.things_mask(self.discarding)
+        self._known: dict[tuple[str, frozenset[str], int], bool] = {}
+        self._counter, self._bins = shift.serve.station, shift.discard
+        self._find_surfaces()
         self.initial = self._arrive(Orders(0, (), 0, 0, 0, 0))
 
     def refresh(self) -> None:
@@ -121,6 +118,14 @@ class ShiftRules:
             goal.refresh()
         self._known.clear()
         self.returns.refresh()
+        self._find_surfaces()
+
+    def _find_surfaces(self) -> None:
+        returns, bins = self.returns, self._bins
+        self.serving = returns.surfaces(self._counter)
+        self.discarding = returns.surfaces(bins) if bins is not None else {}
+        self._serving_mask = returns.things_mask(self.serving)
+        self._discarding_mask = returns.things_mask(self.discarding)
 
     # Orders
 
@@ -219,7 +224,8 @@ class ShiftRules:
         # Without this test, the search would go through all choices of parts from a large pile.
         if len(things) != self.parts[name]:
             return False
-        key = name, facts & goal.relevant
+        # Facts that never change may be all that a dish says about a part.
+        key = name, things, facts & goal.relevant
         known = self._known.get(key)
         if known is None:
             if len(self._known) >= MAX_KEPT:
@@ -403,8 +409,10 @@ class Return:
         """
         if not things:
             return facts, timers
+        kept = things.intersection(self.homes)
         touched = {name for thing in things for name in self._places_of(thing, facts)}
-        unsoiled = self._unsoiled(things, facts) if not soiled else 0
+        touched -= things - kept
+        unsoiled = self._unsoiled(kept, facts) if not soiled else 0
         # The names of created things become free again. Otherwise each pot of water would add
         # atoms, and players could slow a game down by emptying one again and again.
         for name in things:

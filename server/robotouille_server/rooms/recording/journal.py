@@ -34,6 +34,8 @@ MAX_RECORDING_TEXTS = 224 * 1024 * 1024
 """Bytes of the texts of notes at which an episode is ended, for the same reason."""
 MAX_RECORDING_CHANGES = 24_000_000
 """Number of changes of facts at which an episode is ended, for the same reason."""
+MAX_RECORDING_CREATED = 900_000
+"""Number of created objects and their facts at which an episode is ended, for the same reason."""
 FRAMES_A_TURN = 500
 """Number of frames that are checked before the checking thread rests."""
 REST_SECONDS = 0.0005
@@ -52,6 +54,7 @@ def is_full(size: int, totals: Totals) -> bool:
         or totals.reasons > MAX_RECORDING_REASONS
         or totals.texts > MAX_RECORDING_TEXTS
         or totals.changes > MAX_RECORDING_CHANGES
+        or totals.created > MAX_RECORDING_CREATED
     )
 
 
