@@ -173,12 +173,14 @@ def _first(
 def repeated_transitions(trajectory: Trajectory) -> int:
     """Return the steps that repeat an earlier state and joint action (paper, finding 5).
 
-    States include timers, so waiting for something is not a repetition. Rejected answers take no
-    step and are counted separately.
+    States include timers, so waiting for something is not a repetition. They do not include the
+    orders of a shift, in which the time passes, so no step would repeat another one. Rejected
+    answers take no step and are counted separately.
     """
     seen = set()
     for before, joint, _ in trajectory.each_step():
-        seen.add((before, tuple((m.player, m.action) for m in joint if m.applied)))
+        applied = tuple((m.player, m.action) for m in joint if m.applied)
+        seen.add((before.facts, before.timers, applied))
     return trajectory.steps - len(seen)
 
 

@@ -72,6 +72,10 @@ def test_waiting_is_not_a_repetition() -> None:
     assert repeated_transitions(filling) == 0
 
 
+def test_steps_of_a_shift_can_repeat_although_time_passes() -> None:
+    assert repeated_transitions(solo(World("shifts/01@1"), None, None, None)) == 2
+
+
 def test_recovery() -> None:
     course = wandering()
     far = refused(course, 0, "Pick up cheese1 at table1 with robot1", "Fetch the cheese")
