@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -79,15 +78,6 @@ def test_password_file_must_be_private(tmp_path: Path) -> None:
 def test_password_can_come_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROBOTOUILLE_MQTT_PASSWORD", "geheim")
     assert address(mqtt="mqtt://me@broker").password == "geheim"
-
-
-def test_error_names_an_unreadable_certificate_authority(tmp_path: Path) -> None:
-    pipe, binary = tmp_path / "pipe.pem", tmp_path / "binary.pem"
-    os.mkfifo(pipe)
-    binary.write_bytes(b"\xff\xfe")
-    for file in (tmp_path / "none.pem", pipe, binary):
-        with pytest.raises(RobotouilleError, match=rf"--mqtt-ca: .*{file.name}"):
-            address(mqtt="mqtts://broker", mqtt_ca=file)
 
 
 def test_each_worker_has_its_own_name() -> None:

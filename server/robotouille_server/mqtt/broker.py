@@ -20,7 +20,7 @@ from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
 from robotouille.errors import RobotouilleError
-from robotouille.files.reading import read_text
+from robotouille.files.certificates import client_context
 from robotouille_server.auth import read_private
 from robotouille_server.mqtt.client import BoundedClient
 from robotouille_server.mqtt.messages import MAX_PACKET_BYTES
@@ -128,18 +128,11 @@ def _password(settings: ServerSettings) -> str | None:
 
 
 def _tls(settings: ServerSettings) -> ssl.SSLContext:
-    ca = settings.mqtt_ca
-    try:
-        # Given the path, the library would wait for ever at a named pipe.
-        context = ssl.create_default_context(cadata=None if ca is None else read_text(ca))
-        # The first handshake has a thread of its own; another one would block the event loop, with
-        # numbers of the broker's choice for seconds.
-        context.options |= ssl.OP_NO_RENEGOTIATION
-        return context
-    except UnicodeDecodeError:
-        raise RobotouilleError(f"--mqtt-ca: {ca} is not a certificate in PEM") from None
-    except OSError as error:  # SSLError is an OSError.
-        raise RobotouilleError(f"--mqtt-ca: {ca}: {error.strerror}") from None
+    context = client_context(settings.mqtt_ca, "--mqtt-ca")
+    # The first handshake has a thread of its own; another one would block the event loop, with
+    # numbers of the broker's choice for seconds.
+    context.options |= ssl.OP_NO_RENEGOTIATION
+    return context
 
 
 def server_name(settings: ServerSettings, worker: WorkerSlot, port: int) -> str:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from urllib.parse import SplitResult, urlsplit
 
 from robotouille.errors import RobotouilleError
+from robotouille.files.certificates import client_context
 from robotouille.files.private import read_private
-from robotouille.files.reading import read_text
 
 if TYPE_CHECKING:
     import ssl
@@ -75,7 +75,7 @@ def nats_address(
         users.pop(),
         _password(password_file),
         str(credentials or ""),
-        _tls(ca) if encrypted else None,
+        client_context(ca, "--cluster-ca") if encrypted else None,
     )
 
 
@@ -99,15 +99,3 @@ def _password(file: Path | None) -> str:
         return read_private(file, MAX_PASSWORD_BYTES).decode("utf-8", "replace").strip()
     except FileNotFoundError:
         raise RobotouilleError(f"--cluster-password-file: {file}: no such file") from None
-
-
-def _tls(ca: Path | None) -> ssl.SSLContext:
-    import ssl  # It imports sockets, which other users of the core do not need.
-
-    try:
-        # Given the path, the library would wait for ever at a named pipe.
-        return ssl.create_default_context(cadata=None if ca is None else read_text(ca))
-    except UnicodeDecodeError:
-        raise RobotouilleError(f"--cluster-ca: {ca} is not a certificate in PEM") from None
-    except OSError as error:  # SSLError is an OSError.
-        raise RobotouilleError(f"--cluster-ca: {ca}: {error}") from None
