@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import importlib.util
+import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from robotouille import World, WrongArgumentError
+from robotouille import RobotouilleError, World, WrongArgumentError
 from robotouille.planning.policies.planner_policy import PlannerOptions
 from robotouille.planning.policies.shift_policy import ShiftPolicy
 from tests.batch.agreement import agree, world_of
 from tests.support.pages import blocks
+from tests.support.shifts import file_of, term
 
 ALONE = PlannerOptions(alone=True)
 
@@ -54,6 +57,20 @@ def test_jax_steps_equal_world_steps_of_a_shift(name: str) -> None:
         assert np.array_equal(batch.vectors()[0], state.vector())
     assert state.orders is not None and state.orders.served > 1
     agree(batch, world, 12, 40, seed=3, states=states[::8][:12])
+
+
+def test_jax_batch_refuses_a_dish_with_a_part_that_no_changing_condition_is_about(
+    tmp_path: Path,
+) -> None:
+    from robotouille_jax import JaxBatch
+
+    problem = file_of()
+    toast = [term("item_on", "lettuce", 1, "hatch", 2), term("isbread", "bread", 3)]
+    problem["shift"]["menu"]["toast"] = {"goal": toast, "points": 1, "patience": 5}
+    path = tmp_path / "toast.json"
+    path.write_text(json.dumps(problem))
+    with pytest.raises(RobotouilleError, match="toast"):
+        JaxBatch(World(f"{path}@1"), 2)
 
 
 def test_jax_batch_has_the_methods_of_batch_world() -> None:

@@ -14,7 +14,8 @@ from robotouille.world.presentation.wording import Wording
 from robotouille.world.scene import scene
 from robotouille_client.window.input.controls import Controls
 from robotouille_client.window.input.hints import tips_about
-from robotouille_client.window.sources.feedback import Blockages, ChatLog, Feedback, Step
+from robotouille_client.window.sources.blockages import Blockages, TakenStep
+from robotouille_client.window.sources.feedback import ChatLog, Feedback
 from robotouille_client.window.view import View
 from tests.support.shifts import file_of
 
@@ -107,14 +108,14 @@ def test_the_window_says_once_why_a_dish_is_not_served(tmp_path: Path) -> None:
     now = [0.0]
     chat = ChatLog(lambda: now[0])
     feedback = Feedback(chat, Blockages(lambda: now[0]))
-    feedback.stepped(Step(before, before), wording(before))
+    feedback.stepped(TakenStep(before, before), wording(before))
     assert chat.notice == ""
     state = bring(before, "bread")
-    feedback.stepped(Step(before, state), wording(state))
+    feedback.stepped(TakenStep(before, state), wording(state))
     assert chat.notice.startswith("Nobody has ordered this now: lettuce sandwich.")
     assert chat.lines == ()
     now[0] = 60.0
-    feedback.stepped(Step(state, state.step([]).state), wording(state))
+    feedback.stepped(TakenStep(state, state.step([]).state), wording(state))
     assert chat.notice == "", "it is not repeated in every step"
     told = tips_about(Controls(state.world), View(state.world, state, me=ME), HATCH)
     assert told[-1].startswith("Nobody has ordered this now: lettuce sandwich.")
@@ -125,10 +126,10 @@ def test_the_reason_ends_when_the_dish_is_taken_apart(tmp_path: Path) -> None:
     chat = ChatLog(lambda: 0.0)
     feedback = Feedback(chat, Blockages(lambda: 0.0))
     state = bring(before, "bread")
-    feedback.stepped(Step(before, state), wording(state))
+    feedback.stepped(TakenStep(before, state), wording(state))
     assert chat.notice
-    feedback.stepped(Step(state, do(state, "unstack")), wording(state))
+    feedback.stepped(TakenStep(state, do(state, "unstack")), wording(state))
     assert chat.notice == ""
     chat.announced("Lunch is over.")
-    feedback.stepped(Step(state, do(state, "unstack")), wording(state))
+    feedback.stepped(TakenStep(state, do(state, "unstack")), wording(state))
     assert chat.notice == "Lunch is over.", "other notices stay"

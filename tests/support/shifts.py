@@ -22,6 +22,7 @@ __all__ = [
     "example",
     "file_of",
     "recomputed",
+    "term",
     "toast_almost",
 ]
 

@@ -19,7 +19,7 @@ from robotouille_client.window.app.local_game import GameSetup
 from robotouille_client.window.app.settings import Settings, load_settings
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.screen import Display, Screen
-from robotouille_client.window.input.input_controller import GUARD_SECONDS
+from robotouille_client.window.input.action_queue import GUARD_SECONDS
 from robotouille_client.window.options import TimeSource
 from robotouille_client.window.view import GameSource
 from robotouille_client.window.window import Window

@@ -16,7 +16,7 @@ from robotouille.web import WebSite
 from robotouille.web.site import BUNDLE, STATIC, without_comments
 
 OPERATOR = Path(robotouille_server.__file__).parent / "operator/page"
-MOST_LINES = {"rules": 2415, "kitchen": 1703, "play": 2384, "replay": 1458, "texts": 352}
+MOST_LINES = {"rules": 2415, "kitchen": 1703, "play": 2384, "replay": 1459, "texts": 352}
 """Bounds of the page's parts. Lower them when a part shrinks (docs/decisions/0050)."""
 MOST_LINES_OF_OPERATOR = 1646
 

@@ -30,17 +30,17 @@ from robotouille.world.presentation.signals import Intent, Signal
 from robotouille.world.presentation.work import work_in_progress
 from robotouille.world.scene import scene
 from robotouille_client.window.drawing.window_layout import ActionMark
-from robotouille_client.window.input.commands import DIRECTIONS, Command, KeyMap
-from robotouille_client.window.input.controls import Controls, possible, towards
-from robotouille_client.window.input.input_controller import (
+from robotouille_client.window.input.action_queue import (
     CHANGED,
-    CONFIRM_SECONDS,
     GUARD_SECONDS,
     PATIENCE_SECONDS,
     QUICK_SECONDS,
     STILL_OCCUPIED,
     UNREACHED,
 )
+from robotouille_client.window.input.commands import DIRECTIONS, Command, KeyMap
+from robotouille_client.window.input.controls import Controls, possible, towards
+from robotouille_client.window.input.input_controller import CONFIRM_SECONDS
 from robotouille_client.window.input.play_input import READ_SECONDS
 from robotouille_client.window.pictures.appearance import KitchenLook
 from robotouille_client.window.preferences import Preferences
@@ -529,6 +529,40 @@ def test_a_walk_waits_for_another_player_to_finish_visibly(blocked: Table) -> No
     assert blocked.here() == taken
 
 
+def test_a_press_for_the_end_of_a_failed_walk_confirms_nothing() -> None:
+    table = Table(Script(World("synchronous/01"), slow=True))
+
+    def settle() -> None:
+        for _ in range(8):
+            table.step()
+        table.timer.now += 10.0
+        table.window.frame(table.source)
+
+    for line in load_certificate("synchronous/01").plan or ():
+        action = table.source.world.parse(table.source.state, table.source.me, line)
+        table.click(goes_to(action) or table.here() or "")
+        settle()
+        if action.name == "stack":
+            break
+    dish = table.here() or ""
+    table.click(next(filter(None, map(goes_to, table.source.state.actions(table.source.me)))))
+    settle()
+    table.click(dish)
+    table.press(pygame.K_e)
+    reject(table)
+    table.timer.now += 1.2
+    table.window.frame(table.source)
+    table.click(dish)
+    while table.here() != dish:
+        table.step()
+    table.timer.now += 0.5
+    table.window.frame(table.source)
+    before = len(table.source.acted)
+    table.press(pygame.K_e)
+    assert len(table.source.acted) == before, "no earlier press was declined"
+    assert "press again to take it off" in table.overlay().prompt
+
+
 def test_a_walk_that_gives_up_says_so(blocked: Table) -> None:
     blocked.timer.now += PATIENCE_SECONDS + 0.1
     blocked.window.frame(blocked.source)
@@ -649,35 +683,51 @@ def test_a_pause_does_not_use_up_the_patience(
     assert blocked.overlay().prompt != UNREACHED
 
 
-@pytest.mark.parametrize("changes", [True, False])
-def test_a_waiting_key_does_only_what_it_meant(changes: bool) -> None:
+@pytest.mark.parametrize(
+    ("before", "meanwhile", "done"),
+    [
+        (("me", "pick-up-item", "patty1"), ("other", "pick-up-item", "table6"), None),
+        (("me", "pick-up-item", "patty1"), None, "stack"),
+        (("other", "stack", "patty1"), ("other", "unstack", "patty1"), None),
+    ],
+    ids=["stack on what is gone", "stack", "take what is gone off a dish"],
+)
+def test_a_waiting_key_does_only_what_it_meant(
+    before: tuple[str, str, str], meanwhile: tuple[str, str, str] | None, done: str | None
+) -> None:
     world = World("multi_agent/01")
     me, other = world.players
     table = Table(Script(world, me, slow=True))
 
-    def act(name: str, thing: str, player: str = other) -> None:
+    def act(who: str, name: str, thing: str) -> None:
         state = table.source.state
-        named = (a for a in state.actions(player) if a.name == name and thing in a.arguments)
+        actions = state.actions(me if who == "me" else other)
+        named = (a for a in actions if a.name == name and thing in a.arguments)
         table.source.states.append(state.step(next(named)).state)
         table.window.frame(table.source)
 
-    act("move", "table4", me)
-    act("pick-up-item", "patty1", me)
-    act("move", "table6")
+    if before[0] == "other":
+        act("other", "move", "table4")
+        act("other", "pick-up-item", "patty1")
+        act("other", "move", "table6")
+        act(*before)
+    else:
+        act("me", "move", "table4")
+        act(*before)
+        act("other", "move", "table6")
     table.click("table6")
     reject(table)
     table.timer.now += 1.0
     table.press(pygame.K_e)
-    if changes:
-        act("pick-up-item", "table6")
-    act("move", "table7")
+    if meanwhile is not None:
+        act(*meanwhile)
+    act("other", "move", "table7")
     table.window.frame(table.source)
     table.step()
     assert table.here() == "table6"
     table.window.frame(table.source)
-    done = [action.name for action in table.source.acted[2:]]
-    assert done == ([] if changes else ["stack"])
-    assert table.overlay().prompt == (CHANGED.format("E") if changes else "")
+    assert [action.name for action in table.source.acted[2:]] == ([done] if done else [])
+    assert table.overlay().prompt == ("" if done else CHANGED.format("E"))
 
 
 def test_an_action_after_a_walk_that_lost_a_race_waits_for_it() -> None:

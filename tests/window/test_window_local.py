@@ -39,7 +39,8 @@ from robotouille_client.window.app.local_game import (
 )
 from robotouille_client.window.app.replays_menu import recent_recordings
 from robotouille_client.window.drawing.side_panel.seat_cards import status
-from robotouille_client.window.sources.feedback import Blockages, ChatLog, Feedback, Step
+from robotouille_client.window.sources.blockages import Blockages, TakenStep
+from robotouille_client.window.sources.feedback import ChatLog, Feedback
 from robotouille_client.window.sources.local import LocalSeats, LocalSource
 from robotouille_client.window.view import NEWS, Bubble
 
@@ -256,7 +257,7 @@ def test_a_player_who_does_something_else_is_not_marked_any_more() -> None:
     done = next(action for action in world.initial.actions(one) if action.destination)
     state = world.initial.step(done).state
     wording = Wording(world, NO_WORDS)
-    blockages.stepped(Step(world.initial, state, [(one, done, True)]), wording)
+    blockages.stepped(TakenStep(world.initial, state, [(one, done, True)]), wording)
     assert blockages.at(state) == ()
 
 
@@ -301,9 +302,9 @@ def test_an_announcement_ends_when_another_player_takes_the_thing() -> None:
     take = next(a for a in before.actions("robot1") if "lettuce1" in a.arguments)
     said = ChatPosted("Pia", "robot2", "Next: pick up the lettuce", 0.0)
     feedback.show_speech(said, "robot2", before, wording)
-    feedback.stepped(Step(world.initial, before), wording)
+    feedback.stepped(TakenStep(world.initial, before), wording)
     assert chat.bubbles
-    feedback.stepped(Step(before, before.step(take).state), wording)
+    feedback.stepped(TakenStep(before, before.step(take).state), wording)
     assert chat.bubbles == ()
 
 
@@ -330,12 +331,12 @@ def test_a_request_is_no_longer_shown_once_it_is_met() -> None:
     after = start.step(leave).state
     need = ChatPosted("Pia", "robot2", "I need it", 0.0, 1, "need", here)
     feedback.show_speech(need, "robot2", start, wording)
-    feedback.stepped(Step(start, start), wording)
+    feedback.stepped(TakenStep(start, start), wording)
     assert chat.bubbles, "the station is still occupied"
-    feedback.stepped(Step(start, after, [("robot1", leave, True)]), wording)
+    feedback.stepped(TakenStep(start, after, [("robot1", leave, True)]), wording)
     assert chat.bubbles == ()
     feedback.show_speech(need, "robot2", after, wording)
-    feedback.stepped(Step(after, after), wording)
+    feedback.stepped(TakenStep(after, after), wording)
     assert chat.bubbles, "a player may point at a free station"
 
 
@@ -348,10 +349,25 @@ def test_an_action_that_somebody_asked_for_is_asked_for_until_it_is_done() -> No
     asked = "Can you pick up the lettuce?"
     blockages.said("robot2", asked, None, before, wording)
     assert blockages.at(before) == (("robot2", "", "robot1"),)
-    blockages.stepped(Step(before, before, [("robot1", take, False)]), wording)
+    blockages.stepped(TakenStep(before, before, [("robot1", take, False)]), wording)
     assert blockages.at(before), "the action was rejected"
     after = before.step(take).state
-    blockages.stepped(Step(before, after, [("robot1", take, True)]), wording)
+    blockages.stepped(TakenStep(before, after, [("robot1", take, True)]), wording)
+    assert blockages.at(after) == ()
+
+
+def test_a_met_request_does_not_come_back_after_other_work() -> None:
+    world = World("multi_agent/01")
+    wording, blockages = Wording(world, language_of(world.task)), Blockages(Timer())
+    walk = next(a for a in world.initial.actions("robot1") if a.destination == "table6")
+    before = world.initial.step(walk).state
+    take = next(a for a in before.actions("robot1") if "lettuce1" in a.arguments)
+    work = next(action for action in world.ground_actions("robot2") if action.destination is None)
+    blockages.said("robot2", "Can you pick up the lettuce?", None, before, wording)
+    blockages.stepped(TakenStep(before, before, [("robot2", work, True)]), wording)
+    after = before.step(take).state
+    blockages.stepped(TakenStep(before, after, [("robot1", take, True)]), wording)
+    blockages.stepped(TakenStep(after, after, waits=["robot2"]), wording)
     assert blockages.at(after) == ()
 
 
@@ -394,11 +410,11 @@ def test_a_request_comes_back_after_short_work_only() -> None:
     work = next(action for action in world.ground_actions(one) if action.destination is None)
     blockages.said(one, "I need it", Signal(Intent.NEED, there), world.initial, wording)
     for seconds, shown in (10.0, ((one, there, other),)), (31.0, ()):
-        worked = Step(world.initial, world.initial, [(one, work, True)])
+        worked = TakenStep(world.initial, world.initial, [(one, work, True)])
         blockages.stepped(worked, wording)
         assert blockages.at(world.initial) == ()
         timer.now += seconds
-        blockages.stepped(Step(world.initial, world.initial, waits=(one,)), wording)
+        blockages.stepped(TakenStep(world.initial, world.initial, waits=(one,)), wording)
         assert blockages.at(world.initial) == shown
 
 

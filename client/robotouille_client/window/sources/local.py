@@ -28,7 +28,8 @@ from robotouille.world.presentation.wording import Wording
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
 from robotouille_client.bots.partners import Decision, Partners
-from robotouille_client.window.sources.feedback import Blockages, ChatLog, Feedback, Step
+from robotouille_client.window.sources.blockages import Blockages, TakenStep
+from robotouille_client.window.sources.feedback import ChatLog, Feedback
 from robotouille_client.window.sources.texts import (
     clock_words,
     outcome_words,
@@ -256,7 +257,7 @@ class LocalSource(GameSource):
                         (move.player, move.action, attempt.applied)
                         for move, attempt in zip(event.moves, event.attempts, strict=True)
                     ]
-                    step = Step(event.before, event.state, did, event.waits)
+                    step = TakenStep(event.before, event.state, did, event.waits)
                     self._feedback.stepped(step, self._wording)
                     self._partners.observe(did)
                 case ActionRejected():

@@ -26,7 +26,8 @@ from robotouille_client.sansio.game_events import (
     RosterChanged,
     StateChanged,
 )
-from robotouille_client.window.sources.feedback import Blockages, ChatLog, Feedback, Step
+from robotouille_client.window.sources.blockages import Blockages, TakenStep
+from robotouille_client.window.sources.feedback import ChatLog, Feedback
 from robotouille_client.window.sources.playout import Playout, ShownStep
 from robotouille_client.window.sources.texts import (
     clock_words,
@@ -162,7 +163,7 @@ class RemoteSource(GameSource):
                 case StateChanged():
                     self._take_step(event)
                     self._show_rejections(event)
-                    step = Step(event.previous, event.state, event.did, event.waits)
+                    step = TakenStep(event.previous, event.state, event.did, event.waits)
                     self._feedback.stepped(step, self._wording)
                 case ActRejected() if game.seat:
                     why = game.seat, event.action, event.unmet

@@ -195,7 +195,9 @@ export class Timeline {
    */
   curve(context, run, top) {
     const { to_go: rows, steps: last } = this.player.reels[run].raw;
-    const highest = Math.max(1, ...rows.map((/** @type {any} */ row) => row?.[1] ?? row?.[0] ?? 0));
+    // A call takes 100,000 arguments or so, and a recording may have a million steps.
+    const highest = rows.reduce((/** @type {number} */ most, /** @type {any} */ row) =>
+      Math.max(most, row?.[1] ?? row?.[0] ?? 0), 1);
     const columns = this.columns(run);
     const y = (/** @type {number} */ left) => top + CURVE - 2 - (left / highest) * (CURVE - 8);
     context.fillStyle = TRACK;
