@@ -70,6 +70,7 @@ DOMAINS: list[tuple[tuple[Any, ...], Any, str]] = [
     ((*REPEAT, "fx", 0, "params"), ["n"], "'n' is created by this action"),
     ((*REPEAT, "param"), "n", "'n' is created by this action"),
     ((*CREATE, "created_obj", "type"), "itme", "unknown object type 'itme'; did you mean 'item'?"),
+    ((*CREATE, "created_obj", "name"), "soup1", "'soup1' must not end in a digit"),
     ((*CREATE, "created_obj"), ..., "created_obj: Field required"),
     ((*CREATE, "created_obj", "param"), "i", "'i' is created by this action"),
     ((*CUT, "sfx"), [{**EMPTY, "sfx": [EMPTY] * 64}] * 4, "260 effects; at most 200"),

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import random
+from pathlib import Path
 
 import pytest
 
 from robotouille import Sight, State, UnknownNameError, World, WrongArgumentError, seen_by
 from robotouille.certification.certificate import load_certificate
+from robotouille.installation import data_folder
 from robotouille.planning.plan import read_plan
 from robotouille.world.scene import scene
 from robotouille.world.sight import PART_OF_KITCHEN
@@ -73,6 +76,28 @@ def test_what_is_added_to_a_soup_is_as_far_away_as_the_soup() -> None:
             assert all((item in things) == (soup in things) for item, soup in soups)
             added += sum(soup not in things for _, soup in soups)
     assert added, "no player was out of sight of the soup"
+
+
+def test_a_player_that_the_domain_has_deleted_sees_nothing(tmp_path: Path) -> None:
+    domain = json.loads((data_folder("domains") / "workshop.json").read_text())
+    domain["name"] = "vanishing"
+    domain["action_defs"].append({
+        "name": "vanish",
+        "language_description": "Vanish at {b1} with {w1}",
+        "precons": [{"predicate": "works_at", "params": ["w1", "b1"]}],
+        "immediate_fx": [],
+        "sfx": [{"type": "deletion", "param": "w1"}],
+    })  # fmt: skip
+    (tmp_path / "vanishing.json").write_text(json.dumps(domain))
+    shipped = data_folder("problems") / "workshop" / "01_painted_gear.json"
+    problem = json.loads(shipped.read_text()) | {"domain": "vanishing"}
+    (tmp_path / "problem.json").write_text(json.dumps(problem))
+    world = World(f"{tmp_path / 'problem.json'}")
+    me = world.players[0]
+    vanish = next(a for a in world.initial.actions(me) if a.name == "vanish")
+    seen = seen_by(world.initial.step(vanish).state, me, Sight(2))
+    assert not seen.things
+    assert seen.actions == ()
 
 
 def test_players_are_offered_walks_to_hidden_stations_but_no_work_on_hidden_things() -> None:

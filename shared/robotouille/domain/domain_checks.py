@@ -124,6 +124,10 @@ def _check_action(
         if created.created_obj.type not in domain.object_types:
             kind = created.created_obj.type
             faults.append(unknown(f"{path}.sfx", "object type", kind, domain.object_types))
+        # Created objects are numbered: `bolt1` and `bolt` could both be called `bolt11`.
+        if created.created_obj.name[-1:].isdigit():
+            message = f"created_obj.name: {created.created_obj.name!r} must not end in a digit"
+            faults.append(Fault(f"{path}.sfx", message))
     for where, condition in conditions_of_action(path, action):
         faults += _check_condition(where, condition, predicates, types)
     for where, effect in effects_of(f"{path}.sfx", action.sfx):

@@ -262,6 +262,8 @@ def _relations(world: World, rules: Collection[str]) -> int:
 def _in_sight(state: State, player: str, sight: Sight) -> Iterator[str]:
     """Yield the objects that a player sees: also its own station and what it holds."""
     placed = scene(state)
+    if player not in placed:  # The domain has deleted the player.
+        return
     me, stations = placed[player], state.world.floor.blocked
     vessels = {inner: name for name, each in placed.items() for inner in each.contents}
     for name, thing in placed.items():
