@@ -7,8 +7,8 @@ import pytest
 from tests.support.window_play import SIZE, Script, Timer, headless_window, press, world_of
 
 from robotouille.world.scene import scene
-from robotouille_client.window.input.hints import tips_about
 from robotouille_client.window.input.action_queue import GUARD_SECONDS
+from robotouille_client.window.input.hints import tips_about
 
 SHIFT = "shifts/01_sandwich_bar@1"
 

@@ -12,8 +12,8 @@ from tests.support.window_play import SIZE, Script, Timer, at, click, goes_to, h
 
 from robotouille import Timing, World, load_task
 from robotouille.certification.certificate import load_certificate
-from robotouille_client.window.input.commands import Command
 from robotouille_client.window.input.action_queue import GUARD_SECONDS
+from robotouille_client.window.input.commands import Command
 from robotouille_client.window.view import FarewellView, PauseView, View
 from robotouille_client.window.window import Window
 
