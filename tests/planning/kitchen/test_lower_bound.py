@@ -141,6 +141,30 @@ def test_random_kitchen_with_two_soups() -> None:
     check_answer(World(random_kitchen(111)).initial, 24)
 
 
+def test_interrupted_filling_gives_a_pot_two_meals() -> None:
+    check_answer(World(random_kitchen(7700132, dish="meals in turn")).initial, 18)
+
+
+BOTH_BOIL = [("isboiling", "water+1"), ("isboiling", "water+2")]
+TWO_MEALS: dict[str, tuple[str, list[tuple[str, str]], str, int]] = {
+    "boiled": ("stove", BOTH_BOIL, "", 4),
+    "boiled, and one is poured": ("stove table", [*SOUP, ("isboiling", "water+3")], "bowl@1", 7),
+    "boiled and poured": ("stove table table", TWO_SOUPS, "bowl@1 bowl@2", 9),
+    "boiled, and one gets an item":
+        ("stove table", [*BOTH_BOIL, ("addedto", "onion+3 water+2")], "onion@1", 6),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("stations", "goal", "things", "steps"), TWO_MEALS.values(), ids=TWO_MEALS.keys()
+)
+def test_two_meals_in_one_pot(
+    stations: str, goal: list[tuple[str, str]], things: str, steps: int
+) -> None:
+    things = f"pot@0 water@0 water@0 {things}"
+    check_answer(row(stations, *goal, things=things, boil_time=2).initial, steps)
+
+
 @pytest.mark.slow
 def test_poured_water_and_more_water_in_the_same_pot() -> None:
     goal = [*SOUP, ("isboiling", "water+3")]

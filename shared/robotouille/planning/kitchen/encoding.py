@@ -225,6 +225,7 @@ class _Decoder:
         self.model, self.kitchen = model, model.kitchen
         self.state = state
         self.steps: list[Joint] = []
+        self.meals = dict(enumerate(model.meals))
 
     def step(self, joint: Iterable[PathAction]) -> None:
         now = self.state
@@ -298,19 +299,24 @@ class _Decoder:
         if kind == FILL:
             return self._bound(names["fill"], binding, c1=x)
         if kind == POUR:
-            binding["m1"] = self._meal_in(act.held, state)
+            binding["m1"] = self._meal(y, act.held, state)
             return self._bound(names["pour"], binding, c1=x, c2=act.held)
-        binding["m1"] = self._meal_in(act.pot, state)
+        binding["m1"] = self._meal(x, act.pot, state)
         if kind == BOIL:
             return self._bound(names["boil"], binding, c1=act.pot)
         if kind != ADD:
             raise AssertionError(f"an action of unknown kind {kind}")
         return self._bound(names["add"], binding, i1=act.held, c1=act.pot)
 
-    def _meal_in(self, container: int, state: State) -> str:
-        name = self.model.objects[container]
-        meals = (o.name for o in state.objects if o.type == "meal")
-        return next(m for m in meals if state.holds("in", m, name))
+    def _meal(self, m: int, pot: int, state: State) -> str:
+        """Return the name of a meal in a pot."""
+        if m not in self.meals:
+            # A pot may get a second meal. Before their first action, its new meals are equal.
+            named = self.meals.values()
+            found = (o.name for o in state.objects if o.type == "meal" and o.name not in named)
+            container = self.model.objects[pot]
+            self.meals[m] = next(name for name in found if state.holds("in", name, container))
+        return self.meals[m]
 
     def _bound(self, action: str, binding: dict[str, str], **objects: int) -> GroundAction:
         names = {key: self.model.objects[o] for key, o in objects.items()}
