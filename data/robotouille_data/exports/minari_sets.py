@@ -140,7 +140,7 @@ def _buffer(replay: SimulatedEpisode, seat: int) -> EpisodeBuffer:
     states = [replay.world.initial, *(moment.after for moment in moments)]
     numbers = [action_number(moment, player) for moment in moments]
     own = [player in moment.moves and moment.moves[player].own for moment in moments]
-    reached = [moment.after.goal_reached for moment in moments]
+    ends = [moment.terminates for moment in moments]
     return EpisodeBuffer(
         observations={
             "observation": np.stack([state.vector() for state in states]),
@@ -150,8 +150,8 @@ def _buffer(replay: SimulatedEpisode, seat: int) -> EpisodeBuffer:
         # -1 as in the arrays.
         actions=[nothing if number == NOTHING else number for number in numbers],
         rewards=[moment.reward for moment in moments],
-        terminations=reached,
-        truncations=[*([False] * (len(moments) - 1)), not reached[-1]],
+        terminations=ends,
+        truncations=[*([False] * (len(moments) - 1)), not ends[-1]],
         # Minari requires an info for each observation, of which there is one more than actions.
         infos={"own": [*own, False]},
     )
@@ -186,8 +186,8 @@ def _entry(each: SeatSet) -> ExportEntry:
                   "valid `actions` of the seat; the last element is doing nothing"),
             Field("actions", "int64",
                   f"applied action, as an index of the seat's `actions`; {nothing}: none"),
-            Field("rewards", "float64", "1 in the step that reaches the goal, else 0"),
-            Field("terminations", "bool", "the step reached the goal"),
+            Field("rewards", "float64", "points of a shift, or 1 in the step to the goal"),
+            Field("terminations", "bool", "the step reached the goal, or ended the shift"),
             Field("truncations", "bool", "the episode ended with the step but without the goal"),
             Field("infos.own", "bool", "true if the participant chose the action; false for a "
                   "substitute or no action"),

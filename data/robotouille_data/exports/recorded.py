@@ -16,6 +16,7 @@ import sqlalchemy as sa
 from robotouille.domain.task import Task
 from robotouille.errors import RecordingError, RobotouilleError
 from robotouille.replay.recording import Recording, recording_of
+from robotouille.replay.transitions import reward_of
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 from robotouille_data.database import in_pieces
@@ -44,8 +45,13 @@ class RecordedMoment:
 
     @property
     def reward(self) -> float:
-        """Reward of every seat: 1 in the step that reaches the goal, else 0."""
-        return float(self.after.goal_reached and not self.before.goal_reached)
+        """Reward of every seat; see `reward_of`."""
+        return reward_of(self.before, self.after)
+
+    @property
+    def terminates(self) -> bool:
+        """True if the step reached the goal, or ended the shift."""
+        return self.after.goal_reached or self.after.shift_over
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,11 +51,15 @@ class Transition:
 
     @property
     def reward(self) -> float:
-        """1 for a request in the step that reached the goal, in a shift the points, otherwise 0."""
-        before, after = self.state.orders, self.next_state.orders
-        if before is not None and after is not None:
-            return float(after.score - before.score)
-        return float(self.next_state.goal_reached and not self.state.goal_reached)
+        """Reward of the step; see `reward_of`."""
+        return reward_of(self.state, self.next_state)
+
+
+def reward_of(before: State, after: State) -> float:
+    """Return 1 for a step that reaches the goal, in a shift the points, otherwise 0."""
+    if before.orders is not None and after.orders is not None:
+        return float(after.orders.score - before.orders.score)
+    return float(after.goal_reached and not before.goal_reached)
 
 
 def transitions(recording: FrameSource) -> Iterator[Transition]:

@@ -19,7 +19,9 @@ import sqlalchemy as sa
 from sqlalchemy.engine import URL
 
 from robotouille import World, load_task
-from robotouille.episode import ActionRequest, Episode, Rules
+from robotouille.episode import ActionRequest, Episode, Rules, Stepped
+from robotouille.planning.policies.planner_policy import PlannerOptions
+from robotouille.planning.policies.shift_policy import ShiftPolicy
 from robotouille.replay import Recording, read_recording
 from robotouille.replay.compression import compress, plain
 from robotouille.replay.container import frame_ends, frame_value, pack_frame
@@ -33,6 +35,7 @@ from robotouille_data.recording_rows import content_digest, episode_id
 from robotouille_data.schema import EPISODES, RECORDINGS
 from tests.support.random_study import Write, manifest, write_random_study
 from tests.support.samples import quick_sample
+from tests.support.shifts import file_of
 
 
 @pytest.fixture(scope="session")
@@ -153,6 +156,60 @@ def check_episode(recording: Recording, arrays: Any, chosen: Any, entry: Any) ->
         ]
         assert did == [(move.step, move.text) for move in own_moves(recording, player)]
         assert arrays["rewards"][mine].sum() == states[len(states) - 1].goal_reached
+
+
+@pytest.fixture
+def shift(tmp_path: Path) -> tuple[Path, Recording]:
+    """Return the folder of a recorded shift in which a bot serves, and the recording."""
+    path, folder = tmp_path / "shift.json", tmp_path / "recordings"
+    path.write_text(json.dumps(file_of(steps=60)))
+    folder.mkdir()
+    world, rules = World(f"{path}@1"), Rules(max_steps=1000)
+    episode, recorder = Episode(world, rules), Recorder(world)
+    stream = recorder.begin(header(world.task, rules, episode="e", seed=0, created="2026"))
+    (me,) = world.players
+    policy = ShiftPolicy(world, me, PlannerOptions(alone=True))
+    episode.join(me, "ada", "human", 0.0)
+    while not episode.ended:
+        number = episode.step + 1
+        action = policy.act(episode.state)
+        episode.submit(me, ActionRequest(number, action), float(number))
+        for event in (events := list(episode.events())):
+            if isinstance(event, Stepped):
+                policy.observe(
+                    [
+                        (me, m.action, a.applied)
+                        for m, a in zip(event.moves, event.attempts, strict=True)
+                    ]
+                )
+        stream += recorder.record(events)
+    (folder / "shift.rbt").write_bytes(compress(stream))
+    index(database_url(None, folder), [folder])
+    return folder, read_recording(folder / "shift.rbt")
+
+
+@pytest.mark.parametrize("format", ["arrays", "minari"])
+def test_rewards_of_a_shift_are_its_points(
+    shift: tuple[Path, Recording], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, format: str
+) -> None:
+    folder, recording = shift
+    assert recording.outcome is not None
+    points = recording.outcome["score"]["points"]
+    assert points
+    out = tmp_path / "out"
+    export(database_url(None, folder), out, ExportRequest((ExportFormat(format),)))
+    (written,) = manifest(out)["data"]
+    assert written["sums"]["rewards"] == points
+    if format == "arrays":
+        with np.load(out / written["path"], allow_pickle=False) as file:
+            ends = file["terminations"]
+    else:
+        minari = pytest.importorskip("minari", reason="needs the extra `minari`")
+        monkeypatch.setenv("MINARI_DATASETS_PATH", str(out / written["part"]))
+        (episode,) = minari.load_dataset(written["entry"]).iterate_episodes()
+        ends = episode.terminations
+        assert not episode.truncations.any()
+    assert ends.tolist() == [False] * (len(ends) - 1) + [True]
 
 
 # Minari
