@@ -33,7 +33,7 @@ from robotouille_server.cluster.service import ClusterService
 from robotouille_server.requests import Opening
 from robotouille_server.rooms.episode_driver import TICKS_WHILE_WRITING
 from robotouille_server.rooms.recording import journal
-from robotouille_server.rooms.recording.archive import FRAMES_A_TURN
+from robotouille_server.runtime.work_in_turns import FRAMES_A_TURN
 from tests.support.buses import Handler, SimulatedBus, SimulatedNats
 from tests.support.clusters import Nodes, cluster_of, cluster_on
 from tests.support.handshakes import FORWARDED, hello, opened

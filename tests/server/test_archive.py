@@ -19,9 +19,10 @@ from robotouille_server import Server
 from robotouille_server.auth.roles import Role
 from robotouille_server.auth.tokens import ResumeGrant
 from robotouille_server.rooms.recording import archive
-from robotouille_server.rooms.recording.archive import FRAMES_A_TURN, LIST_SECONDS, MAX_SOUGHT
+from robotouille_server.rooms.recording.archive import LIST_SECONDS, MAX_SOUGHT
 from robotouille_server.rooms.recording.recovery import RESCAN_SECONDS
 from robotouille_server.rooms.recording.storage import Folder
+from robotouille_server.runtime.work_in_turns import FRAMES_A_TURN
 from tests.support.servers import crash, raw, serving
 from tests.support.virtual_time import virtual
 

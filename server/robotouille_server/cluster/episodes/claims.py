@@ -24,9 +24,10 @@ from robotouille_server.cluster.episodes.journal import (
     assembled,
 )
 from robotouille_server.cluster.episodes.turns import SHORT_JOURNAL, Turns
-from robotouille_server.rooms.recording.archive import ArchivedEpisode, in_turns
+from robotouille_server.rooms.recording.archive import ArchivedEpisode
 from robotouille_server.rooms.recording.journal import name_in
 from robotouille_server.runtime.logs import get_logger
+from robotouille_server.runtime.work_in_turns import in_turns
 
 MAX_PREPARED = 16
 """Episodes in memory that were restored in advance."""

@@ -14,8 +14,8 @@ from robotouille.replay.recording import Recording
 from robotouille_server.cluster.bus import Bus, BusError
 from robotouille_server.cluster.episodes.directory import Directory
 from robotouille_server.cluster.episodes.journal import assembled
-from robotouille_server.rooms.recording.archive import in_turns
 from robotouille_server.runtime.logs import get_logger
+from robotouille_server.runtime.work_in_turns import in_turns
 
 SWEEP_SECONDS = 45.0
 """Seconds between two looks at all journals. An episode is registered within ten, or not at all."""

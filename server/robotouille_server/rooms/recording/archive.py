@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 from robotouille.errors import ProtocolError, RecordingError, RobotouilleError
 from robotouille.replay.compression import is_closed, plain
@@ -17,21 +17,18 @@ from robotouille.world.world import shared_world
 from robotouille_server.rooms.recording.journal import EpisodeJournal, name_in
 from robotouille_server.rooms.recording.storage import Storage
 from robotouille_server.runtime.logs import get_logger
+from robotouille_server.runtime.work_in_turns import in_turns
 
 MAX_BYTES = 8 * 1024 * 1024
 """Maximum uncompressed size of a recording whose end is shown."""
 MAX_STEPS = 20_000
 """Maximum number of steps of an episode whose end is shown."""
-FRAMES_A_TURN = 10
-"""Frames read in one turn of the event loop. They take a millisecond or two."""
 LIST_SECONDS = 5.0
 """Minimum seconds between two listings of the folder."""
 MAX_SOUGHT = 64
 """Maximum number of concurrent searches."""
 MAX_REFUSED = 1024
 """Maximum number of refused files that are remembered."""
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,18 +241,6 @@ def _opening(content: bytes, name: str) -> Generator[None, None, Recording]:
 
 def _expired(why: str) -> ProtocolError:
     return ProtocolError("auth/expired", f"{why}; send hello without 'resume'", "resume")
-
-
-async def in_turns(work: Generator[object, None, T]) -> T:
-    """Do some work in small parts, and let others run in between."""
-    while True:
-        try:
-            for _ in range(FRAMES_A_TURN):
-                next(work)
-        except StopIteration as end:
-            found: T = end.value
-            return found
-        await asyncio.sleep(0)
 
 
 def listing_of(storage: Storage) -> Listing:
