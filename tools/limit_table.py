@@ -63,7 +63,7 @@ from robotouille_server.rooms.participants.seat_limits import (
 from robotouille_server.rooms.publishing.audience import DELIVERY_SECONDS, MAX_STEP_BYTES, MAX_STEPS
 from robotouille_server.rooms.publishing.broadcaster import MAX_SPECTATOR_NAMES
 from robotouille_server.rooms.publishing.publisher import ROSTER_SECONDS, WAITING_SECONDS
-from robotouille_server.rooms.recording import archive
+from robotouille_server.rooms.recording import archive, folder_lister
 from robotouille_server.rooms.recording.journal import (
     MAX_RECORDING_BYTES,
     MAX_RECORDING_CHANGES,
@@ -416,7 +416,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("Concurrent searches for ended episodes", f"{archive.MAX_SOUGHT}",
               "The client must join again.", "auth/expired"),
         Limit("Interval of reading the recordings folder for returning clients",
-              f"{archive.LIST_SECONDS:g} s", "The search waits."),
+              f"{folder_lister.LIST_SECONDS:g} s", "The search waits."),
     ),
     "Operator port": (
         Limit("Connections", f"{connections.MAX_CONNECTIONS}",

@@ -19,8 +19,9 @@ from robotouille_server import Server
 from robotouille_server.auth.roles import Role
 from robotouille_server.auth.tokens import ResumeGrant
 from robotouille_server.rooms.recording import archive
-from robotouille_server.rooms.recording.archive import LIST_SECONDS, MAX_SOUGHT
-from robotouille_server.rooms.recording.recovery import RESCAN_SECONDS
+from robotouille_server.rooms.recording.archive import MAX_SOUGHT
+from robotouille_server.rooms.recording.folder_lister import LIST_SECONDS
+from robotouille_server.rooms.recording.recovery import RETRY_SECONDS
 from robotouille_server.rooms.recording.storage import Folder
 from robotouille_server.runtime.work_in_turns import FRAMES_A_TURN
 from tests.support.servers import crash, raw, serving
@@ -92,7 +93,7 @@ async def test_other_episodes_run_during_a_search(tmp_path: Path) -> None:
                 await asyncio.sleep(0)
 
         other = asyncio.create_task(count())
-        await server.lobby.show_end(next(iter(server.lobby._recovery.archive._names)))  # type: ignore[union-attr]
+        await server.lobby.show_end(next(iter(server.lobby._recovery._lister.closed)))  # type: ignore[union-attr]
         other.cancel()
         assert turns > 2 * 400 / FRAMES_A_TURN
         assert len(server.lobby.rooms) == 1
@@ -256,7 +257,7 @@ async def test_episodes_that_another_process_opens_later_are_taken_over_too(
             await asyncio.sleep(2 * LIST_SECONDS)
             assert not second.lobby.rooms
             await crash(first)
-            await asyncio.sleep(RESCAN_SECONDS)
+            await asyncio.sleep(RETRY_SECONDS)
             assert {room.code for room in second.lobby.rooms.values()} == codes
 
 

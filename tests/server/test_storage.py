@@ -15,7 +15,7 @@ import pytest
 from robotouille import ProtocolError
 from robotouille.replay.recording import read_recording
 from robotouille_client import ChatReceived, Game, StateChanged, connect
-from robotouille_server.rooms.recording.archive import LIST_SECONDS
+from robotouille_server.rooms.recording.folder_lister import LIST_SECONDS
 from robotouille_server.rooms.recording.storage import Appender, Folder
 from tests.support.disks import FullDisk, TroubledFolder
 from tests.support.lost_connections import miss_a_step

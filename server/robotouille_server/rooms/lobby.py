@@ -498,7 +498,7 @@ class Lobby:
             timer.cancel()
         self._lingering.clear()
         if self._recovery is not None:
-            await self._recovery.archive.stop()
+            await self._recovery.close()
 
     def _forget(self, room: Room) -> None:
         self._lingering.pop(room).cancel()

@@ -9,11 +9,12 @@ from typing import Any
 
 from robotouille.errors import ProtocolError, RecordingError, RobotouilleError
 from robotouille.replay.compression import is_closed, plain
-from robotouille.replay.file_names import CLOSED, OPEN, recording_stem
+from robotouille.replay.file_names import CLOSED, OPEN
 from robotouille.replay.recorder import Recorder
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import Restored, restoring
 from robotouille.world.world import shared_world
+from robotouille_server.rooms.recording.folder_lister import FolderLister
 from robotouille_server.rooms.recording.journal import EpisodeJournal, name_in
 from robotouille_server.rooms.recording.storage import Storage
 from robotouille_server.runtime.logs import get_logger
@@ -23,8 +24,6 @@ MAX_BYTES = 8 * 1024 * 1024
 """Maximum uncompressed size of a recording whose end is shown."""
 MAX_STEPS = 20_000
 """Maximum number of steps of an episode whose end is shown."""
-LIST_SECONDS = 5.0
-"""Minimum seconds between two listings of the folder."""
 MAX_SOUGHT = 64
 """Maximum number of concurrent searches."""
 MAX_REFUSED = 1024
@@ -41,14 +40,6 @@ class ArchivedEpisode:
     journal: EpisodeJournal | None
 
 
-@dataclass(frozen=True, slots=True)
-class Listing:
-    """Recordings of a folder: the closed ones by episode, and the names of the others."""
-
-    closed: dict[str, list[str]]
-    open: list[str]
-
-
 class TooLongError(RecordingError):
     """The recording is too long to show how its episode ended."""
 
@@ -56,44 +47,32 @@ class TooLongError(RecordingError):
 class Archive:
     """Finds closed recordings by episode, and makes a room with the final state (`adopt`).
 
-    No running episode waits for this. Listing the folder and reading a file happen in a thread;
-    the frames are replayed a few at a time, in many turns of the event loop. Recordings are
-    replayed one at a time, and refused recordings are not read again.
+    No running episode waits for this. A thread reads a file; the frames are replayed a few at a
+    time, in many turns of the event loop. Recordings are replayed one at a time, and refused
+    recordings are not read again.
 
     Args:
         storage: Where recordings are kept.
+        lister: Lists the recordings.
         adopt: Makes a room of an episode.
-        found_open: Called with the names of the recordings that a listing finds open.
     """
 
     def __init__(
         self,
         storage: Storage,
+        lister: FolderLister,
         adopt: Callable[[ArchivedEpisode], object],
-        found_open: Callable[[list[str]], None],
     ) -> None:
         self._storage = storage
+        self._lister = lister
         self._adopt = adopt
-        self._found_open = found_open
-        self._names: dict[str, list[str]] = {}
         self._sought: dict[str, asyncio.Task[None]] = {}
         # Each search may hold 8 MiB of frames and a whole episode in memory.
         self._one_at_a_time = asyncio.Lock()
         self._refused: dict[str, str] = {}
-        self._listing: asyncio.Task[None] | None = None
-        """Listing that has not begun."""
-        self._listings: set[asyncio.Task[None]] = set()
-        self._listed = -LIST_SECONDS
         self._missed: set[str] = set()
-
-    def renew(self, listing: Listing) -> None:
-        """Replace the known recordings by those of a new listing."""
-        self._names = listing.closed
-        self._found_open(listing.open)
-
-    def add(self, name: str) -> None:
-        """Add a closed recording."""
-        self._names.setdefault(episode_of(name), []).append(name)
+        """Episodes that the listing begun at `_missed_since` lacks."""
+        self._missed_since = 0.0
 
     def may_have(self, episode: str) -> bool:
         """Return whether an episode may have a closed recording, without listing the folder.
@@ -102,11 +81,9 @@ class Archive:
         """
         # A failed search is not repeated before the folder may be listed again. Otherwise, invalid
         # resume tokens could make the server list a large folder all the time.
-        return episode in self._names or episode not in self._missed or self._may_list
-
-    @property
-    def _may_list(self) -> bool:
-        return asyncio.get_running_loop().time() >= self._listed + LIST_SECONDS
+        return (
+            episode in self._lister.closed or not self._was_missed(episode) or self._lister.is_due
+        )
 
     async def show(self, episode: str) -> None:
         """Open a room with the end of an episode, if its recording is found.
@@ -126,49 +103,33 @@ class Archive:
         await asyncio.shield(task)
 
     async def stop(self) -> None:
-        """Cancel all searches and listings."""
-        tasks = [*self._listings, *self._sought.values()]
-        for task in tasks:
+        """Cancel all searches."""
+        for task in (searches := list(self._sought.values())):
             task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await asyncio.gather(*searches, return_exceptions=True)
 
     async def _show(self, episode: str) -> None:
-        if episode not in self._names:
-            await self._list_again()
-            if episode not in self._names:
-                self._missed.add(episode)
+        if episode not in self._lister.closed:
+            await self._lister.wait()
+            if episode not in self._lister.closed:
+                self._miss(episode)
                 return
         async with self._one_at_a_time:
-            for name in self._names.get(episode, ()):
+            for name in self._lister.closed.get(episode, ()):
                 found = await self._readable(name)
                 if found is not None:
                     self._adopt(found)
                     return
 
-    async def _list_again(self) -> None:
-        """Wait for a listing that begins after this call. Concurrent callers share it."""
-        await asyncio.shield(self.list_soon())
+    def _miss(self, episode: str) -> None:
+        """Remember until the next listing begins that an episode has no closed recording."""
+        if self._missed_since != self._lister.begun:
+            self._missed_since = self._lister.begun
+            self._missed.clear()
+        self._missed.add(episode)
 
-    def list_soon(self) -> asyncio.Task[None]:
-        """List the folder once that is due; return the task."""
-        if self._listing is None:
-            self._listing = asyncio.create_task(self._list_when_due())
-            self._listings.add(self._listing)
-            self._listing.add_done_callback(self._listings.discard)
-        return self._listing
-
-    async def _list_when_due(self) -> None:
-        loop = asyncio.get_running_loop()
-        # Listing a folder of many thousand files takes long, so it is done at most once in
-        # `LIST_SECONDS`.
-        await asyncio.sleep(self._listed + LIST_SECONDS - loop.time())
-        self._listing = None
-        self._listed = loop.time()
-        self._missed.clear()
-        try:
-            self.renew(await loop.run_in_executor(None, listing_of, self._storage))
-        except OSError as error:
-            get_logger().error("recordings not listed", error=str(error))
+    def _was_missed(self, episode: str) -> bool:
+        return self._missed_since == self._lister.begun and episode in self._missed
 
     async def _readable(self, name: str) -> ArchivedEpisode | None:
         """Return the episode of a file; None if it is unreadable, ProtocolError if too long."""
@@ -241,19 +202,3 @@ def _opening(content: bytes, name: str) -> Generator[None, None, Recording]:
 
 def _expired(why: str) -> ProtocolError:
     return ProtocolError("auth/expired", f"{why}; send hello without 'resume'", "resume")
-
-
-def listing_of(storage: Storage) -> Listing:
-    """List a folder. With 100,000 files, this takes a tenth of a second or more."""
-    listing = Listing({}, [])
-    for name in storage.names():
-        if name.endswith(CLOSED):
-            listing.closed.setdefault(episode_of(name), []).append(name)
-        elif name.endswith(OPEN):
-            listing.open.append(name)
-    return listing
-
-
-def episode_of(name: str) -> str:
-    """Return the episode's id in the name of a recording."""
-    return recording_stem(name).rpartition("_")[2]

@@ -14,12 +14,8 @@ from robotouille.replay.recorder import Recorder
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import Restored, restore
 from robotouille.world.world import shared_world
-from robotouille_server.rooms.recording.archive import (
-    Archive,
-    ArchivedEpisode,
-    episode_of,
-    listing_of,
-)
+from robotouille_server.rooms.recording.archive import Archive, ArchivedEpisode
+from robotouille_server.rooms.recording.folder_lister import FolderLister, episode_of
 from robotouille_server.rooms.recording.journal import (
     Journal,
     RecordedRoom,
@@ -32,7 +28,7 @@ from robotouille_server.runtime.workers import WorkerSlot
 
 RoomT = TypeVar("RoomT", bound=RecordedRoom)
 
-RESCAN_SECONDS = 0.5
+RETRY_SECONDS = 0.5
 """Seconds between two attempts to take over episodes that another process still has."""
 
 
@@ -71,36 +67,35 @@ class Recovery(Generic[RoomT]):
         self._now = now
         self._wall = wall
         self._foreign: dict[str, str] = {}
-        self.archive = Archive(storage, adopt, self._continue_all)
-        self._known: Mapping[str, RoomT] = {}
-        self._listed = False
+        self._lister = FolderLister(storage, self._take_over_all)
+        self.archive = Archive(storage, self._lister, adopt)
+        self._rooms: Mapping[str, RoomT] = {}
+        self._knows_folder = False
         self._seated: dict[str, RoomT] = {}
-        self._timer: asyncio.TimerHandle | None = None
+        self._retry_timer: asyncio.TimerHandle | None = None
         self._stopped = False
 
-    def scan(self, known: Mapping[str, RoomT]) -> None:
+    def scan(self, rooms: Mapping[str, RoomT]) -> None:
         """Continue every recording that is not closed.
 
         This lists the folder at once, so call it only when a server starts. Recordings that another
         process still writes are taken over when it releases them.
 
         Args:
-            known: The rooms of this process.
+            rooms: The rooms of this process.
         """
-        self._known = known
+        self._rooms = rooms
         try:
-            listing = listing_of(self._storage)
+            self._lister.list_at_once()
         except OSError as error:
             get_logger().error("recordings not listed", error=str(error))
-            self._look_later()
-            return
-        self.archive.renew(listing)
+            self._retry_later()
 
-    def _continue_all(self, names: list[str]) -> None:
+    def _take_over_all(self, names: list[str]) -> None:
         """Continue the recordings that are not closed, which have these names."""
         if self._stopped:
             return
-        self._listed, there = True, set(names)
+        self._knows_folder, there = True, set(names)
         self._foreign = {name: code for name, code in self._foreign.items() if name in there}
         self.problems = {name: why for name, why in self.problems.items() if name in there}
         for name in names:
@@ -109,32 +104,36 @@ class Recovery(Generic[RoomT]):
             # them (docs/decisions/0017).
             if name in self.unrestored or not self._worker.owns(episode):
                 continue
-            room = self._known.get(episode)
+            room = self._rooms.get(episode)
             if room is None:
                 self._take_over(name)
             # If two files have the same episode id, continuing both would give two rooms the same
             # seats and tokens.
             elif room.journal is not None and room.journal.name != name:
                 self._give_up(name, f"a copy of {room.journal.name}")
-        self._look_later()
+        self._retry_later()
 
-    def _look_later(self) -> None:
-        """Look again for recordings that another process has released, if there may be some."""
-        if self._timer is None and (self._foreign or not self._listed):
+    def _retry_later(self) -> None:
+        """Retry soon if another process may still have recordings that belong to this one."""
+        if self._retry_timer is None and self._must_retry:
             loop = asyncio.get_running_loop()
-            self._timer = loop.call_later(RESCAN_SECONDS, self._look)
+            self._retry_timer = loop.call_later(RETRY_SECONDS, self._retry)
 
-    def _look(self) -> None:
+    @property
+    def _must_retry(self) -> bool:
+        return bool(self._foreign) or not self._knows_folder
+
+    def _retry(self) -> None:
         # The files are polled, because waiting for a lock would block the event loop. The folder
         # may have 100,000 files, so a thread lists it, less often.
-        self._timer = None
-        for name in self._waiting(self._foreign):
+        self._retry_timer = None
+        for name in self._locked(self._foreign):
             self._take_over(name)
-        if self._foreign or not self._listed:
-            self.archive.list_soon()
-        self._look_later()
+        if self._must_retry:
+            self._lister.schedule()
+        self._retry_later()
 
-    def _waiting(self, names: Iterable[str]) -> list[str]:
+    def _locked(self, names: Iterable[str]) -> list[str]:
         """Return those of the names that wait for nothing but their lock.
 
         The others have failed. An attempt may simulate the whole episode, so they wait for the next
@@ -145,8 +144,14 @@ class Recovery(Generic[RoomT]):
     def stop(self) -> None:
         """Take over no more recordings."""
         self._stopped = True
-        if self._timer is not None:
-            self._timer.cancel()
+        if self._retry_timer is not None:
+            self._retry_timer.cancel()
+
+    async def close(self) -> None:
+        """Cancel all searches in the archive and all listings of the folder."""
+        self.stop()
+        await self.archive.stop()
+        await self._lister.stop()
 
     # Finding
 
@@ -167,7 +172,7 @@ class Recovery(Generic[RoomT]):
             for file, known in self._foreign.items()
             if (known and known == code) or episode_of(file) == name
         ]
-        for file in self._waiting(files):
+        for file in self._locked(files):
             self._take_over(file)
         return any(file in self._foreign for file in files)
 
@@ -234,7 +239,7 @@ class Recovery(Generic[RoomT]):
         # file.
         if restored.complete:
             closed = close_recording(self._storage, name, file.read(), size)
-            self.archive.add(closed)
+            self._lister.add_closed(closed)
             return False
         world, totals = restored.episode.world, copy(recording.totals)
         recorder = Recorder(world, self._wall, self._now, totals)
