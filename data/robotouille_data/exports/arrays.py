@@ -144,12 +144,13 @@ def _add(arrays: GrowingArrays, replay: SimulatedEpisode, most: int) -> tuple[in
     """Add the rows of an episode, and return the sums of its actions and rewards."""
     actions, rewards = 0, 0.0
     for moment in replay.moments:
-        vector = moment.before.vector()
+        whole = None if replay.sight else moment.before.vector()
         for seat, player in enumerate(replay.world.players):
-            mask = moment.before.mask(player)
+            observed = replay.observed(moment.before, player)
+            mask = observed.mask()
             number, move = action_number(moment, player), moment.moves.get(player)
             arrays.append(
-                observations=vector,
+                observations=observed.vector() if whole is None else whole,
                 masks=np.pad(mask, (0, most - len(mask))),
                 actions=number,
                 own=move is not None and move.own,

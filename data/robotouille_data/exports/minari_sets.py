@@ -17,8 +17,9 @@ from gymnasium import spaces
 from minari.data_collector import EpisodeBuffer
 
 from robotouille.errors import SlotOverflowError, UnknownNameError
-from robotouille.world.world import State, World
+from robotouille.world.world import World
 from robotouille_data.exports.arrays import NOTHING, action_number, layout_notes
+from robotouille_data.exports.observed import Observed
 from robotouille_data.exports.recorded import SimulatedEpisode, replays
 from robotouille_data.exports.request import ExportEntry, Field, Part, WrittenFile
 
@@ -138,13 +139,14 @@ def _buffer(replay: SimulatedEpisode, seat: int) -> EpisodeBuffer:
     player, moments = replay.world.players[seat], replay.moments
     nothing = _actions(replay.world, seat)
     states = [replay.world.initial, *(moment.after for moment in moments)]
+    seen = [replay.observed(state, player) for state in states]
     numbers = [action_number(moment, player) for moment in moments]
     own = [player in moment.moves and moment.moves[player].own for moment in moments]
     ends = [moment.terminates for moment in moments]
     return EpisodeBuffer(
         observations={
-            "observation": np.stack([state.vector() for state in states]),
-            "action_mask": np.stack([_mask(state, player) for state in states]),
+            "observation": np.stack([each.vector() for each in seen]),
+            "action_mask": np.stack([_mask(each) for each in seen]),
         },
         # Discrete spaces begin at 0, so doing nothing is the number after the last action and not
         # -1 as in the arrays.
@@ -157,9 +159,9 @@ def _buffer(replay: SimulatedEpisode, seat: int) -> EpisodeBuffer:
     )
 
 
-def _mask(state: State, player: str) -> Any:
+def _mask(observed: Observed) -> Any:
     """Return the mask of valid actions. Its last element, doing nothing, is always true."""
-    return np.append(state.mask(player), True).astype(np.int8)
+    return np.append(observed.mask(), True).astype(np.int8)
 
 
 def _actions(world: World, seat: int) -> int:

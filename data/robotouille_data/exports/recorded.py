@@ -15,11 +15,14 @@ import sqlalchemy as sa
 
 from robotouille.domain.task import Task
 from robotouille.errors import RecordingError, RobotouilleError
+from robotouille.replay.conduct import rules_in
 from robotouille.replay.recording import Recording, recording_of
 from robotouille.replay.transitions import reward_of
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.sight import Sight
 from robotouille.world.world import State, World
 from robotouille_data.database import in_pieces
+from robotouille_data.exports.observed import Observed
 from robotouille_data.exports.request import ExportEntry, ExportRequest, Field, Part, WrittenFile
 from robotouille_data.recording_rows import content_digest, read_content
 from robotouille_data.schema import EPISODES, RECORDINGS
@@ -56,12 +59,22 @@ class RecordedMoment:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedEpisode:
-    """Episode with its steps. `reason` is the reason for its end, or empty if not recorded."""
+    """Episode with its steps.
+
+    Attributes:
+        reason: The reason for its end, or empty if not recorded.
+        sight: Limits of the players' sight; None if they saw everything.
+    """
 
     episode_id: int
     world: World
     reason: str
     moments: tuple[RecordedMoment, ...]
+    sight: Sight | None = None
+
+    def observed(self, state: State, player: str) -> Observed:
+        """Return a state as a player saw it."""
+        return Observed(state, player, self.sight)
 
     @property
     def task(self) -> Task:
@@ -146,7 +159,8 @@ def _replayed(number: int, recording: Recording, known: World | None) -> Simulat
             moments.append(moment)
             state = moment.after
     reason = "" if recording.outcome is None else str(recording.outcome["reason"])
-    return SimulatedEpisode(number, recording.world, reason, tuple(moments))
+    sight = rules_in(recording.header).limited_sight
+    return SimulatedEpisode(number, recording.world, reason, tuple(moments), sight)
 
 
 def _moment(recording: Recording, before: State, frame: dict[str, Any]) -> RecordedMoment:
@@ -216,7 +230,8 @@ def write_chat(part: Part) -> Iterator[WrittenFile]:
             try:
                 left = MAX_CHAT
                 for seat, moments in _conversations(replay, part.request.per_decision):
-                    messages = _messages(replay.world.players[seat], moments, part.request)
+                    player = replay.world.players[seat]
+                    messages = _messages(replay, player, moments, part.request)
                     left -= _write_conversation(file, messages, left)
                     number = count + len(rows)
                     rows.append((number, replay.episode_id, seat, moments[0].step, len(moments)))
@@ -261,7 +276,7 @@ def _write_conversation(file: TextIO, messages: Iterable[Mapping[str, str]], mos
 
 
 def _messages(
-    player: str, moments: list[RecordedMoment], request: ExportRequest
+    replay: SimulatedEpisode, player: str, moments: list[RecordedMoment], request: ExportRequest
 ) -> Iterator[dict[str, str]]:
     if request.system:
         yield {"role": "system", "content": request.system}
@@ -270,5 +285,5 @@ def _messages(
         said = f"Action: {move.action.sentence}"
         if move.reasoning and request.texts:
             said = f"Reasoning: {move.reasoning}\n{said}"
-        yield {"role": "user", "content": moment.before.text_view(player)}
+        yield {"role": "user", "content": replay.observed(moment.before, player).text()}
         yield {"role": "assistant", "content": said}

@@ -18,7 +18,7 @@ import numpy as np
 import sqlalchemy as sa
 from sqlalchemy.engine import URL
 
-from robotouille import World, load_task
+from robotouille import Sight, World, load_task, seen_by
 from robotouille.episode import ActionRequest, Episode, Rules, Stepped
 from robotouille.planning.policies.planner_policy import PlannerOptions
 from robotouille.planning.policies.shift_policy import ShiftPolicy
@@ -26,6 +26,7 @@ from robotouille.replay import Recording, read_recording
 from robotouille.replay.compression import compress, plain
 from robotouille.replay.container import frame_ends, frame_value, pack_frame
 from robotouille.replay.recorder import Recorder, header
+from robotouille.world.sight import Seen
 from robotouille_data.database import CatalogueError, database_url, writing_engine
 from robotouille_data.exports import recorded
 from robotouille_data.exports.exporting import export, task_slugs
@@ -156,6 +157,44 @@ def check_episode(recording: Recording, arrays: Any, chosen: Any, entry: Any) ->
         ]
         assert did == [(move.step, move.text) for move in own_moves(recording, player)]
         assert arrays["rewards"][mine].sum() == states[len(states) - 1].goal_reached
+
+
+def test_exports_contain_what_players_saw(tmp_path: Path) -> None:
+    world, folder = World("multi_agent/07@2"), tmp_path / "recordings"
+    rules, (one, other) = Rules(max_steps=4, sight=1, sight_blocked=True), world.players
+    episode, recorder = Episode(world, rules), Recorder(world)
+    stream = recorder.begin(header(world.task, rules, episode="e", seed=0, created="2026"))
+    episode.join(one, "ada", "human", 0.0)
+    episode.join(other, "ben", "human", 0.0)
+    while not episode.ended:
+        number = episode.step + 1
+        for player in world.players:
+            action = next(a for a in episode.state.actions(player) if a.destination)
+            episode.submit(player, ActionRequest(number, action), float(number))
+        stream += recorder.record(episode.events())
+    folder.mkdir()
+    (folder / "sight.rbt").write_bytes(compress(stream))
+    index(database_url(None, folder), [folder])
+    formats = ExportFormat("chat"), ExportFormat("arrays")
+    export(database_url(None, folder), tmp_path / "out", ExportRequest(formats))
+    recording = read_recording(folder / "sight.rbt")
+    states = dict(recording.states())
+
+    def seen(step: int, player: str) -> Seen:
+        return seen_by(states[step - 1], player, Sight(1, blocked=True))
+
+    for received, messages in conversations(tmp_path / "out"):
+        player = world.players[received["seat"]]
+        texts = [m["content"] for m in messages[::2]]
+        moves = own_moves(recording, player)
+        assert texts == [seen(move.step, player).text_view(player) for move in moves]
+    (path,) = (tmp_path / "out").glob("**/*.npz")
+    with np.load(path, allow_pickle=False) as file:
+        arrays = dict(file)
+    for row, step in enumerate(arrays["step"]):
+        known = seen(int(step), world.players[arrays["seat"][row]])
+        assert (arrays["observations"][row] == known.state.vector()).all()
+        assert arrays["masks"][row].sum() == len(known.actions)
 
 
 @pytest.fixture
