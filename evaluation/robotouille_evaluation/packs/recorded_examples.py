@@ -17,6 +17,7 @@ from robotouille import GroundAction, State, World
 from robotouille.domain.task import Timing
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille.replay import Recording
+from robotouille.replay.conduct import rules_in
 from robotouille_evaluation.packs.example_episodes import REACT, ExampleChoice, example_sets
 from robotouille_evaluation.packs.pack import ExampleEpisode, Pack
 
@@ -35,12 +36,16 @@ def recorded_choices(recording: Recording, seat: str = "") -> list[ExampleChoice
 
     Raises:
         UnknownNameError: The seat is unknown, or there are several and none is named.
-        RobotouilleError: The episode does not reach a goal, or the seat does nothing in it.
+        RobotouilleError: The episode does not reach a goal, the seat does nothing in it, or its
+            players saw a part of the kitchen only.
     """
     world = recording.world
     player = _seat(recording, seat)
     if world.shift is not None:
         raise RobotouilleError(f"{recording.source}: is a shift, and examples need a goal")
+    if rules_in(recording.header).limited_sight is not None:
+        # The text of an example is that of the whole kitchen.
+        raise RobotouilleError(f"{recording.source}: its players saw a part of the kitchen only")
     played = _played(recording, player)
     if not played:
         raise RobotouilleError(f"{recording.source}: {player} does nothing")

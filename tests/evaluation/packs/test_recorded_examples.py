@@ -96,6 +96,13 @@ def test_pauses_are_left_out_and_the_goal_is_reached(task: str, timing: str) -> 
     assert len(choices) <= 1.5 * len(plan_of(task)) < recording.length
 
 
+def test_games_with_limited_sight_are_no_examples() -> None:
+    rules = Rules(clock=Clock.LOCKSTEP, max_steps=2000, sight=1)
+    recording = Recording(record(*play_through(SANDWICH, rules, hesitant(SANDWICH))))
+    with pytest.raises(RobotouilleError, match="saw a part of the kitchen only"):
+        recorded_choices(recording)
+
+
 def test_waits_stay_where_the_kitchen_needs_them() -> None:
     choices = recorded_choices(recording_of(SOUP))
     sentences = [choice.action.sentence for choice in choices]
