@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
-from contextlib import nullcontext
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
 
@@ -23,7 +22,7 @@ from robotouille_server.cluster.episodes.journal import (
     ReplicatedJournal,
     assembled,
 )
-from robotouille_server.cluster.episodes.turns import SHORT_JOURNAL, Turns
+from robotouille_server.cluster.episodes.journal_turns import SHORT_JOURNAL, JournalTurns
 from robotouille_server.rooms.recording.archive import ArchivedEpisode
 from robotouille_server.rooms.recording.journal import name_in
 from robotouille_server.runtime.logs import get_logger
@@ -101,7 +100,7 @@ class Claims:
         self._continuation = continuation
         self._under_way: set[str] = set()
         self._prepared: dict[str, Prepared] = {}
-        self._turns = Turns()
+        self._turns = JournalTurns()
         self._count = 0
 
     def under_way(self, episode: str) -> bool:
@@ -114,15 +113,22 @@ class Claims:
         Raises:
             RobotouilleError: That is not possible.
         """
-        async with self._turns.first():
-            stored = await self._bus.read(record.episode)
-            size = sum(len(message.data) for message in stored)
-            if size <= SHORT_JOURNAL:
+        async with self._turns.reading():
+            size, stored = await self._read_if_short(record.episode)
+            if stored is not None:
                 await self._prepare(record, stored)
                 return
-            del stored
-        async with self._turns.long(size):
+        async with self._turns.replaying_long(size):
             await self._prepare(record, await self._bus.read(record.episode))
+
+    async def _read_if_short(self, episode: str) -> tuple[int, list[Stored] | None]:
+        """Return the bytes of a journal, and its messages unless it is long.
+
+        Long ones would fill the memory while they wait for their turns.
+        """
+        stored = await self._bus.read(episode)
+        size = sum(len(message.data) for message in stored)
+        return size, stored if size <= SHORT_JOURNAL else None
 
     async def _prepare(self, record: EpisodeRecord, stored: list[Stored]) -> None:
         recording = await _recording(assembled(stored), record)
@@ -163,17 +169,22 @@ class Claims:
 
     async def _in_turn(self, record: EpisodeRecord, offer: Offer | None) -> str:
         # If the episode is prepared, there is little left to do.
-        ready = offer is not None and record.episode in self._prepared
-        async with nullcontext() if ready else self._turns.first():
-            taken = await self._take(record, offer)
-            size = len(taken.content)
-            if size <= SHORT_JOURNAL or taken.prepared is not None:
-                return await self._continue(record, offer, taken)
-            del taken
-        async with self._turns.long(size):
-            return await self._continue(record, offer, await self._take(record, offer))
+        if offer is not None and record.episode in self._prepared:
+            return await self._continue(record, offer)
+        async with self._turns.reading():
+            if record.episode in self._prepared:
+                return await self._continue(record, offer)
+            # A claim here would end the game at its node, long before the turn of a long journal.
+            size, known = await self._read_if_short(record.episode)
+            if known is not None:
+                return await self._continue(record, offer, known)
+        async with self._turns.replaying_long(size):
+            return await self._continue(record, offer)
 
-    async def _continue(self, record: EpisodeRecord, offer: Offer | None, taken: _Taken) -> str:
+    async def _continue(
+        self, record: EpisodeRecord, offer: Offer | None, known: Sequence[Stored] = ()
+    ) -> str:
+        taken = await self._take(record, offer, known)
         content, sequence = taken.content, taken.sequence
         try:
             recording, restored = await self._restored(content, record, taken.prepared)
@@ -200,8 +211,15 @@ class Claims:
         self._continuation.adopt(found)
         return ""
 
-    async def _take(self, record: EpisodeRecord, offer: Offer | None) -> _Taken:
+    async def _take(
+        self, record: EpisodeRecord, offer: Offer | None, known: Sequence[Stored]
+    ) -> _Taken:
         """Take a journal over.
+
+        Args:
+            record: The episode.
+            offer: The offer of its node, if that lives and gives it up.
+            known: The first messages of the journal, if they were read before.
 
         Raises:
             ConflictError: Another node has the episode.
@@ -222,8 +240,10 @@ class Claims:
             await self._directory.remove(record)
             raise BusError("it has no journal")
         claim, fence = await self._fence(record, last.sequence)
-        known = prepared.stored if prepared is not None else []
-        stored = known + await self._bus.read(record.episode, known[-1].sequence if known else 0)
+        if prepared is not None:
+            known = prepared.stored
+        after = known[-1].sequence if known else 0
+        stored = [*known, *await self._bus.read(record.episode, after)]
         if [message.sequence for message in stored[-2:]] != [claim, fence]:
             raise ConflictError("another node has written to the journal")
         return _Taken(assembled(stored), fence, prepared)

@@ -16,7 +16,7 @@ SHORT_JOURNAL = 256 * 1024
 """Bytes of a journal that is replayed as soon as it is read. This takes half a second or less."""
 
 
-class Turns:
+class JournalTurns:
     """Turns of a node's journals.
 
     A journal's length is known once it is read. A long one is then forgotten, so that those that
@@ -32,7 +32,7 @@ class Turns:
         self._arrivals = count()
 
     @asynccontextmanager
-    async def first(self) -> AsyncIterator[None]:
+    async def reading(self) -> AsyncIterator[None]:
         """Return a context for reading a journal, and for replaying it if it is short."""
         self._unread += 1
         try:
@@ -44,7 +44,7 @@ class Turns:
             asyncio.get_running_loop().call_soon(self._give_turns)
 
     @asynccontextmanager
-    async def long(self, size: int) -> AsyncIterator[None]:
+    async def replaying_long(self, size: int) -> AsyncIterator[None]:
         """Return a context for reading a long journal again and replaying it.
 
         Args:
