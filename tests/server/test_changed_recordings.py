@@ -22,6 +22,7 @@ from robotouille_client import Game, connect
 from robotouille_server import Server
 from robotouille_server.rooms.lobby import INSPECTION_SECONDS
 from robotouille_server.rooms.recording.journal import Journal
+from robotouille_server.rooms.recording.recovery import FORGET_SECONDS
 from robotouille_server.rooms.recording.storage import Appender, Folder
 from robotouille_server.rooms.room import Room
 from tests.support.servers import crash, serving
@@ -204,6 +205,20 @@ class TestFoundAtStart:
             assert f"damaged at byte {at}" in server.lobby.unrestored[name]
         assert (tmp_path / name).read_bytes() == damaged
         assert len(list(tmp_path.iterdir())) == 1
+
+    @virtual
+    async def test_damaged_file_that_was_removed_is_no_longer_reported(
+        self, tmp_path: Path
+    ) -> None:
+        name, content = begun()
+        kept = f"copy_of_{name}"
+        for file in (name, kept):
+            (tmp_path / file).write_bytes(content[:40] + bytes([content[40] ^ 1]) + content[41:])
+        async with serving(tmp_path) as server:
+            assert set(server.lobby.unrestored) == {name, kept}
+            (tmp_path / name).unlink()
+            await asyncio.sleep(2 * FORGET_SECONDS)
+            assert set(server.lobby.unrestored) == {kept}
 
     @virtual
     async def test_file_that_is_too_large_is_not_restored(self, tmp_path: Path) -> None:

@@ -265,9 +265,7 @@ class Lobby:
     @property
     def unrestored(self) -> dict[str, str]:
         """Recordings that could not be continued (yet), with the reasons."""
-        if self._recovery is None:
-            return {}
-        return {**self._recovery.unrestored, **self._recovery.problems}
+        return {} if self._recovery is None else self._recovery.unrestored
 
     def adopt(self, found: ArchivedEpisode) -> Room:
         """Make a room for an episode that began in another process."""

@@ -30,6 +30,8 @@ RoomT = TypeVar("RoomT", bound=RecordedRoom)
 
 RETRY_SECONDS = 0.5
 """Seconds between two attempts to take over episodes that another process still has."""
+FORGET_SECONDS = 60.0
+"""Seconds between two checks whether recordings that cannot be continued are still there."""
 
 
 class Recovery(Generic[RoomT]):
@@ -44,8 +46,6 @@ class Recovery(Generic[RoomT]):
         wall: Returns the seconds since 1970, for new events.
 
     Attributes:
-        unrestored: Files that cannot be continued, with the reasons.
-        problems: Files that cannot be continued yet, with the reasons.
         archive: The recordings of ended episodes.
     """
 
@@ -58,8 +58,8 @@ class Recovery(Generic[RoomT]):
         now: Callable[[], float],
         wall: Callable[[], float],
     ) -> None:
-        self.unrestored: dict[str, str] = {}
-        self.problems: dict[str, str] = {}
+        self._given_up: dict[str, str] = {}
+        self._delayed: dict[str, str] = {}
         self._storage = storage
         self._worker = worker
         self._return_seconds = return_seconds
@@ -97,12 +97,13 @@ class Recovery(Generic[RoomT]):
             return
         self._knows_folder, there = True, set(names)
         self._foreign = {name: code for name, code in self._foreign.items() if name in there}
-        self.problems = {name: why for name, why in self.problems.items() if name in there}
+        self._delayed = {name: why for name, why in self._delayed.items() if name in there}
+        self._given_up = {name: why for name, why in self._given_up.items() if name in there}
         for name in names:
             episode = episode_of(name)
             # Each worker restores only the episodes whose ids begin with its number, whoever wrote
             # them (docs/decisions/0017).
-            if name in self.unrestored or not self._worker.owns(episode):
+            if name in self._given_up or not self._worker.owns(episode):
                 continue
             room = self._rooms.get(episode)
             if room is None:
@@ -114,22 +115,27 @@ class Recovery(Generic[RoomT]):
         self._retry_later()
 
     def _retry_later(self) -> None:
-        """Retry soon if another process may still have recordings that belong to this one."""
-        if self._retry_timer is None and self._must_retry:
-            loop = asyncio.get_running_loop()
-            self._retry_timer = loop.call_later(RETRY_SECONDS, self._retry)
+        """Retry soon, if another process may still have recordings that belong to this one.
 
-    @property
-    def _must_retry(self) -> bool:
-        return bool(self._foreign) or not self._knows_folder
+        Otherwise, check after a while whether recordings that were given up are still there.
+        """
+        if self._retry_timer is not None:
+            self._retry_timer.cancel()
+            self._retry_timer = None
+        if self._foreign or not self._knows_folder:
+            seconds = RETRY_SECONDS
+        elif self._given_up:
+            seconds = FORGET_SECONDS
+        else:
+            return
+        self._retry_timer = asyncio.get_running_loop().call_later(seconds, self._retry)
 
     def _retry(self) -> None:
         # The files are polled, because waiting for a lock would block the event loop. The folder
         # may have 100,000 files, so a thread lists it, less often.
-        self._retry_timer = None
         for name in self._locked(self._foreign):
             self._take_over(name)
-        if self._must_retry:
+        if self._foreign or self._given_up or not self._knows_folder:
             self._lister.schedule()
         self._retry_later()
 
@@ -139,7 +145,7 @@ class Recovery(Generic[RoomT]):
         The others have failed. An attempt may simulate the whole episode, so they wait for the next
         listing.
         """
-        return [name for name in names if name not in self.problems]
+        return [name for name in names if name not in self._delayed]
 
     def stop(self) -> None:
         """Take over no more recordings."""
@@ -154,6 +160,11 @@ class Recovery(Generic[RoomT]):
         await self._lister.stop()
 
     # Finding
+
+    @property
+    def unrestored(self) -> dict[str, str]:
+        """Files that could not be continued (yet), with the reasons."""
+        return {**self._given_up, **self._delayed}
 
     def seated(self, session: str) -> RoomT | None:
         """Return the room in which a session held seats in an earlier process, and still does."""
@@ -187,6 +198,7 @@ class Recovery(Generic[RoomT]):
             file = self._storage.resume(name)
         except FileNotFoundError:
             self._foreign.pop(name, None)
+            self._delayed.pop(name, None)
             return
         # Another process holds the lock. The episode's code is read once, so that clients that send
         # it get `server/handover` instead of "unknown episode".
@@ -201,9 +213,9 @@ class Recovery(Generic[RoomT]):
         kept = False
         try:
             kept = self._continue(name, file)
-            self.problems.pop(name, None)
-        except FileNotFoundError:
-            pass  # The other process has just closed the recording.
+            self._delayed.pop(name, None)
+        except FileNotFoundError:  # The other process has just closed the recording.
+            self._delayed.pop(name, None)
         except OSError as error:
             self._try_later(name, error)
         except RobotouilleError as error:
@@ -279,14 +291,15 @@ class Recovery(Generic[RoomT]):
     def _try_later(self, name: str, error: OSError) -> None:
         """Retry later, for example after a full disk, as if another process had the episode."""
         problem = f"not restored yet: {error.strerror or error}"
-        if self.problems.get(name) != problem:
+        if self._delayed.get(name) != problem:
             get_logger().error("episode not restored yet", file=name, error=problem)
         # A full disk or missing permission is temporary. Giving up would end the episode for good.
-        self.problems[name] = problem
+        self._delayed[name] = problem
         self._foreign[name] = self._code_of(name)
 
     def _give_up(self, name: str, reason: str) -> None:
-        self.unrestored[name] = reason
+        self._delayed.pop(name, None)
+        self._given_up[name] = reason
         get_logger().error("episode not restored", file=name, error=reason)
 
 
