@@ -15,7 +15,7 @@ from robotouille_client import Client, connect
 from robotouille_server.auth.replaced_tokens import ReplacedTokens
 from robotouille_server.auth.roles import Role
 from robotouille_server.rooms.lobby import LINGER_SECONDS
-from tests.support.handshakes import opened
+from tests.support.handshakes import FORWARDED, opened
 from tests.support.lost_connections import cut
 from tests.support.servers import Raw, crash, raw, serving, with_clients
 from tests.support.virtual_time import run, virtual
@@ -425,20 +425,21 @@ async def test_resuming_does_not_prolong_a_role(tmp_path: Path) -> None:
     [(None, ["host", "player"]), (2, ["host", "auth/expired"])],
     ids=["whole kitchen", "limited sight"],
 )
+@pytest.mark.parametrize("with_token", [True, False], ids=["token expires", "from elsewhere"])
 @virtual
 async def test_host_who_comes_back_as_a_player_watches_no_game_with_limited_sight(
-    tmp_path: Path, sight: int | None, answers: list[str]
+    tmp_path: Path, sight: int | None, answers: list[str], *, with_token: bool
 ) -> None:
     now, found = [1_800_000_000.0], []
     async with serving(tmp_path, wall=lambda: now[0]) as server:
         token = server.tokens.mint_role(Role.HOST, "carol", seconds=int(HOUR))
         async with opened(server) as host:
-            await host.ask({**HELLO, "token": token}, "welcome")
+            await host.ask({**HELLO, **({"token": token} if with_token else {})}, "welcome")
             code = (await host.ask({**CREATE, "sight": sight}, "created"))["code"]
             watch = {"type": "join", "episode": code, "role": "spectator"}
             resume = (await host.ask(watch, "joined"))["resume"]
-        for _ in answers:
-            async with opened(server) as host:
+        for headers in ({}, {} if with_token else FORWARDED):
+            async with opened(server, **headers) as host:
                 answer = await host.ask({**HELLO, "resume": resume}, "welcome")
             found.append(answer.get("role") or answer["code"])
             resume = answer.get("resume")
