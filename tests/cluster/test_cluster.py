@@ -17,7 +17,6 @@ import pytest
 from robotouille.episode.clocks import MAX_CATCH_UP, MAX_LATE_AT_ONCE
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
-from robotouille.replay import recording
 from robotouille.replay.recording import read_recording
 from robotouille_client import Client, Game, connect
 from robotouille_server.auth.roles import Role
@@ -35,6 +34,7 @@ from robotouille_server.rooms.recording import journal
 from robotouille_server.runtime.work_in_turns import FRAMES_A_TURN
 from tests.support.buses import Handler, SimulatedBus, SimulatedNats
 from tests.support.clusters import Nodes, cluster_of, cluster_on
+from tests.support.frames_in_turns import count_frames
 from tests.support.handshakes import FORWARDED, hello, opened
 from tests.support.samples import quick_sample
 from tests.support.virtual_time import stand_still, virtual
@@ -630,14 +630,6 @@ class TestHandOver:
     async def test_other_games_go_on_while_a_long_journal_is_read(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        loop, checked, check = asyncio.get_running_loop(), [0], recording.check_frame
-
-        def counted(frame: dict[str, Any], number: int) -> None:
-            if not checked[-1]:
-                loop.call_soon(checked.append, 0)
-            checked[-1] += 1
-            check(frame, number)
-
         async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
             game = await ada.join((await ada.create("training/01", move_budget=0)).code)
             for _ in range(40):
@@ -645,13 +637,13 @@ class TestHandOver:
             other = nodes.others(nodes.owner(game.episode))[0].cluster.node
             record = other.directory.find(game.episode)
             assert record is not None
-            monkeypatch.setattr(recording, "check_frame", counted)
+            frames = count_frames(monkeypatch)
             await other.claims.prepare(record)
             for _ in range(40):
                 await step(game)
             assert await other.claims.claim(record, Offer(record.node)) == ""
-        assert 80 < sum(checked) < 120, "the part that was prepared was read again"
-        assert max(checked) <= FRAMES_A_TURN
+        assert 80 < sum(frames) < 120, "the part that was prepared was read again"
+        assert max(frames) <= FRAMES_A_TURN
 
     @virtual
     async def test_node_that_was_suspended_asks_nobody_to_adopt_what_it_has_lost(

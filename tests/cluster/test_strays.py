@@ -12,7 +12,9 @@ from robotouille_server.cluster.bus import Bucket
 from robotouille_server.cluster.episodes import strays
 from robotouille_server.cluster.episodes.directory import EpisodeRecord
 from robotouille_server.cluster.members import LEASE_SECONDS, RENEW_SECONDS
+from robotouille_server.runtime.work_in_turns import FRAMES_A_TURN
 from tests.support.clusters import Node, cluster_of
+from tests.support.frames_in_turns import count_frames
 from tests.support.virtual_time import virtual
 
 TASK = "training/03_multi_agent"
@@ -75,3 +77,20 @@ async def test_a_node_whose_copy_of_the_directory_is_behind_deletes_nothing(tmp_
             created = await ada.create(TASK)
             await asyncio.sleep(LONG_ENOUGH)
             assert nodes.nats.storage.journals == [created.episode]
+
+
+@virtual
+async def test_other_games_go_on_while_a_long_stray_journal_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with cluster_of(tmp_path, 3) as nodes, connect(nodes[0].url, name="ada") as ada:
+        created = await ada.create("training/01", move_budget=0)
+        game = await ada.join(created.code)
+        for _ in range(40):
+            await game.act(None)
+        await nodes.owner(game.episode).kill()
+        nodes.nats.storage.set(Bucket.EPISODES, created.code.replace("-", ""), None)
+        frames = count_frames(monkeypatch)
+        await asyncio.sleep(LONG_ENOUGH)
+        assert sum(frames) > 40
+        assert max(frames) <= FRAMES_A_TURN
