@@ -228,6 +228,34 @@ def test_a_single_press_takes_no_dish_apart() -> None:
     assert table.press()[-1] == "unstack", "a click needs no second one"
 
 
+def test_what_was_filled_can_be_taken_up_at_once() -> None:
+    table = Table(Script(World("asynchronous/07")))
+    plan = load_certificate("asynchronous/07").plan or ()
+    added = next(number for number, line in enumerate(plan) if line.startswith("add-to"))
+    for line in plan[: added + 1]:
+        state, me = table.source.state, table.source.me
+        action = table.source.world.parse(state, me, line)
+        table.source.states.append(state.step(action).state)
+        while table.source.state.busy_steps(me):
+            table.source.states.append(table.source.state.step([]).state)
+    before = table.source.states[-2]
+    table.source.states[-1:] = []
+    assert table.source.state == before
+    assert table.press(pygame.K_e) == ["add-to"]
+    table.timer.now += QUICK_SECONDS
+    assert table.press(pygame.K_e) == ["add-to", "pick-up-container"], "that undoes nothing"
+
+
+def test_a_notice_goes_soon_after_an_input_that_works() -> None:
+    table = Table(Script(World("synchronous/01")))
+    assert table.press(pygame.K_e) == []
+    assert table.overlay().prompt
+    table.press(pygame.K_RIGHT)
+    assert table.overlay().prompt, "the player may read it while walking"
+    table.timer.now += READ_SECONDS
+    assert not table.overlay().prompt
+
+
 def test_the_use_key_does_not_interrupt_cooking() -> None:
     table = Table(Script(World(load_task("asynchronous/01"))))
     world, me = table.source.world, table.source.me

@@ -371,6 +371,24 @@ def test_a_met_request_does_not_come_back_after_other_work() -> None:
     assert blockages.at(after) == ()
 
 
+def test_the_reason_of_a_rejection_goes_when_the_player_does_something_else() -> None:
+    timer, world = Timer(), World("multi_agent/01")
+    wording, chat = Wording(world, language_of(world.task)), ChatLog(timer)
+    feedback, state = Feedback(chat, Blockages(timer)), world.initial
+    walk = next(a for a in state.actions("robot1") if a.destination == "table6")
+    taken = next(a for a in world.ground_actions("robot1") if a.destination)
+    feedback.show_rejection("robot1", "no", world.unmet(state, taken), state, wording)
+    step = TakenStep(state, state.step(walk).state, [("robot1", walk, True)])
+    feedback.stepped(step, wording)
+    assert chat.bubbles, "nobody can read so quickly"
+    timer.now += 1.0
+    feedback.stepped(TakenStep(state, state, [("robot1", walk, False)]), wording)
+    feedback.stepped(TakenStep(state, state, [("robot2", walk, True)]), wording)
+    assert chat.bubbles
+    feedback.stepped(step, wording)
+    assert chat.bubbles == ()
+
+
 def test_requests_end_with_the_game_and_thanks_stay() -> None:
     chat = ChatLog(Timer())
     chat.said("Pia", "robot2", "I need it", Signal(Intent.NEED, "stove1"))

@@ -86,14 +86,14 @@ class Sent:
 
     Attributes:
         time: When it was sent, or when its result was known.
-        works: True if it takes up and puts down nothing, such as cutting.
+        handled: What it takes up or puts down; nothing if it is work such as cutting.
     """
 
     action: GroundAction
     time: float
     step: int
     bubble: Bubble | None
-    works: bool
+    handled: frozenset[str]
     fate: Literal["asked", "done", "rejected"] = "asked"
 
 
@@ -140,8 +140,9 @@ class ActionQueue:
         sent = self._sent
         if sent is None or sent.fate != "done" or sent.action.destination is not None:
             return frozenset()
-        recent = self._clock() - sent.time < GUARD_SECONDS and (repeats or not sent.works)
-        return frozenset(sent.action.arguments if recent else ())
+        if self._clock() - sent.time >= GUARD_SECONDS:
+            return frozenset()
+        return sent.handled or frozenset(sent.action.arguments if repeats else ())
 
     @property
     def idle(self) -> bool:
@@ -285,8 +286,8 @@ class ActionQueue:
         return ""
 
     def _send(self, action: GroundAction, source: GameSource, view: View) -> None:
-        works = not handled(view.state, view.me or "", action)
-        self._sent = Sent(action, self._clock(), view.step, _bubble(view), works)
+        things = handled(view.state, view.me or "", action)
+        self._sent = Sent(action, self._clock(), view.step, _bubble(view), things)
         source.act(action)
 
     def _try_again(self, retry: _Retry, source: GameSource, view: View) -> None:

@@ -118,9 +118,12 @@ class PlayInput:
             self._tells_news = False
 
     def _answer(self, notice: str) -> None:
-        """Show the answer to an input. An input without one outdates news about earlier inputs."""
-        if not notice and self._tells_news:
-            self._notice_until = self._clock()
+        """Show the answer to an input. An input without one outdates what is about earlier ones."""
+        if not notice:
+            # The player may have pressed the next key before reading why the last one did nothing.
+            seconds = 0.0 if self._tells_news else READ_SECONDS
+            read = self._notice_until - _NOTICE_SECONDS + seconds
+            self._notice_until = min(self._notice_until, read)
         self.show_notice(notice)
 
     def _show_news(self, notice: str) -> None:

@@ -32,6 +32,8 @@ from robotouille_client.window.view import NEWS, Bubble
 BUBBLE_SECONDS = 3.0
 SIGNAL_SECONDS = 5.0
 """Seconds for which a signal is shown: others have to find what it points at."""
+GLANCE_SECONDS = 0.8
+"""Seconds for which the reason of a rejection is shown at least."""
 CHAT_LINES = 6
 NOTICE_SECONDS = 6.0
 READING_SECONDS = 0.06
@@ -40,8 +42,9 @@ READING_SECONDS = 0.06
 
 @dataclass(frozen=True, slots=True)
 class _Shown:
-    """Bubble that is shown until a time in seconds, and the signal that it shows, if any."""
+    """Bubble that is shown between two times in seconds, and the signal that it shows, if any."""
 
+    since: float
     until: float
     bubble: Bubble
     signal: Signal | None
@@ -50,6 +53,10 @@ class _Shown:
     def announces(self) -> bool:
         """True if the bubble shows what a player is going to work with."""
         return bool(self.bubble.things) and self.signal is None
+
+    def is_read(self, now: float) -> bool:
+        """Return whether a player has had the time to read why an action was rejected."""
+        return self.bubble.kind == "rejected" and now - self.since >= GLANCE_SECONDS
 
     def is_met(self, before: State, state: State) -> bool:
         """Return whether a request has been met in a step."""
@@ -148,9 +155,16 @@ class ChatLog:
         if about == self._about:
             self._notice = ""
 
-    def stepped(self, before: State, state: State) -> None:
+    def stepped(self, before: State, step: TakenStep) -> None:
         """Remove the bubbles that a step has outdated."""
-        self._bubbles = [each for each in self._bubbles if not each.is_met(before, state)]
+        state = step.after
+        # Players who do something else know by now why their last action was rejected.
+        acted = {player for player, action, applied in step.did if applied and action is not None}
+        self._bubbles = [
+            each for each in self._bubbles
+            if not each.is_met(before, state)
+            and not (each.is_read(self._now()) and each.bubble.player in acted)
+        ]  # fmt: skip
         # This runs in every step. In most steps nothing is announced, so skip computing the scene.
         if any(each.announces for each in self._bubbles):
             self._remove_announcements(before, state)
@@ -183,7 +197,7 @@ class ChatLog:
     ) -> None:
         # Two bubbles over one player would overlap, so the newest replaces the last.
         kept = [each for each in self._bubbles if each.bubble.player != bubble.player]
-        self._bubbles = [*kept, _Shown(self._now() + seconds, bubble, signal)]
+        self._bubbles = [*kept, _Shown(self._now(), self._now() + seconds, bubble, signal)]
 
     @property
     def bubbles(self) -> tuple[Bubble, ...]:
@@ -229,7 +243,7 @@ class Feedback:
         before, state = step.before, step.after
         if before is None:
             return
-        self.chat_log.stepped(before, state)
+        self.chat_log.stepped(before, step)
         if state.orders is not None:
             self._show_unserved(before, state, wording)
 

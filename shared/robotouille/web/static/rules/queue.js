@@ -19,10 +19,10 @@
  *   for the station that the walk before it leads to.
  * @typedef {"asked" | "done" | "rejected"} Fate
  * @typedef {{
- *   action: Action, time: number, fate: Fate, state: State | null, works: boolean,
+ *   action: Action, time: number, fate: Fate, state: State | null, handled: Set<string>,
  * }} Sent The last action that was sent, with the time in seconds when it was sent, or when its
- *   result was known, and the state in which it was sent. It `works` if it takes up and puts down
- *   nothing, such as cutting.
+ *   result was known, the state in which it was sent, and what it takes up or puts down: nothing
+ *   if it is work such as cutting.
  * @typedef {{label: string, action: Action, until: number}} Retry Walk to an occupied station that
  *   is repeated until a time.
  */
@@ -189,8 +189,8 @@ export class ActionQueue {
   _justUsed(repeats) {
     const sent = this._sent;
     if (sent?.fate !== "done" || sent.action.destination !== null) return new Set();
-    const recent = this._game.now() - sent.time < GUARD_SECONDS && (repeats || !sent.works);
-    return new Set(recent ? sent.action.args : []);
+    if (this._game.now() - sent.time >= GUARD_SECONDS) return new Set();
+    return sent.handled.size ? sent.handled : new Set(repeats ? sent.action.args : []);
   }
 
   /** True if no action is queued or awaits its result. */
@@ -337,8 +337,8 @@ export class ActionQueue {
 
   /** @param {Action} action @param {State} state */
   _send(action, state) {
-    const works = !handled(state, action.player ?? "", action).size;
-    this._sent = { action, time: this._game.now(), fate: "asked", state, works };
+    const things = handled(state, action.player ?? "", action);
+    this._sent = { action, time: this._game.now(), fate: "asked", state, handled: things };
     this._game.act(action);
   }
 
