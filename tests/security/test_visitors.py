@@ -172,10 +172,15 @@ def test_invalid_settings_are_reported() -> None:
         "https://a;script-src *",
         "https://*.a.org",
         "https://a.org b.org",
-        "https://bücher.example",
+        "https://straße.example",
+        "https://bücher.example:65536",
     ):
-        with pytest.raises(AccessSettingError, match=r"--origins: .* is not an origin; expected"):
+        with pytest.raises(
+            AccessSettingError, match=r"--origins: .* is not an origin; expected https://HOST"
+        ):
             parse_origins(text)
+    with pytest.raises(AccessSettingError, match=r"expected https://xn--bcher-kva\.example:8443$"):
+        parse_origins("https://Bücher.example:8443")
 
 
 ALLOWED = parse_origins("https://Kitchen.example.org/, http://localhost:3000")

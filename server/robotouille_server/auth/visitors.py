@@ -107,12 +107,28 @@ def parse_origins(text: str, flag: str = "--origins") -> frozenset[str]:
 
 def _origin(text: str, flag: str) -> str:
     origin = text.rstrip("/").lower()
-    found = _ORIGIN.fullmatch(origin)
-    if found is None or int(found["port"] or 0) > 65_535:
-        raise AccessSettingError(
-            f"{flag}: {text!r} is not an origin; expected https://HOST or https://HOST:PORT"
-        )
+    if not _is_origin(origin):
+        expected = _in_ascii(origin) or "https://HOST or https://HOST:PORT"
+        raise AccessSettingError(f"{flag}: {text!r} is not an origin; expected {expected}")
     return origin
+
+
+def _is_origin(text: str) -> bool:
+    found = _ORIGIN.fullmatch(text)
+    return found is not None and int(found["port"] or 0) <= 65_535
+
+
+def _in_ascii(origin: str) -> str:
+    """Return an origin with other letters than ASCII as browsers write it, or an empty text."""
+    scheme, _, host = origin.partition("://")
+    try:
+        encoded = host.encode("idna")
+        # Python still replaces some letters, such as `ß`, which browsers keep.
+        unchanged = encoded.decode("idna") == host
+    except UnicodeError:
+        return ""
+    found = f"{scheme}://{encoded.decode()}"
+    return found if unchanged and _is_origin(found) else ""
 
 
 def _parts(text: str) -> Iterator[str]:
