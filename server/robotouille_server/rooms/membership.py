@@ -9,7 +9,7 @@ from robotouille.episode import Controller, Departure, Episode, Moderation, Phas
 from robotouille.episode.rules import NO_TREATMENT
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
-from robotouille_server.auth import Role
+from robotouille_server.rooms.participants.limited_sight import check_limited_sight
 from robotouille_server.rooms.participants.seat_limits import (
     ChatLimits,
     DisplayNames,
@@ -89,7 +89,7 @@ class Membership:
         if self.bans(session.id, session.participant):
             raise ProtocolError("episode/banned", "you were removed from this episode", "episode")
         if self._episode.record.sight is not None:
-            check_limited_sight(session, request)
+            check_limited_sight(session.role, request)
         chat = self._episode.rules.chat
         if own := self._own_seats(session, request):
             self._take_over(session, own, request, now)
@@ -357,25 +357,3 @@ def _named_seats(episode: Episode) -> list[tuple[str, str]]:
 def too_many_spectators(most: int) -> ProtocolError:
     message = f"the episode has {most} spectators already"
     return ProtocolError("episode/full", message, "role")
-
-
-def check_limited_sight(session: Session, request: messages.Join) -> None:
-    """Check a request to join an episode whose players see a part of the kitchen.
-
-    Raises:
-        ProtocolError: `seat/partial` if the client would take a part of the kitchen for all of it;
-            `auth/role` for a player who would see all of it as a spectator.
-    """
-    if request.role == "spectator":
-        if session.role is Role.PLAYER:
-            message = (
-                "players of this game see a part of the kitchen, so only people with a link or "
-                "token for spectators can watch it"
-            )
-            raise ProtocolError("auth/role", message, "role")
-    elif request.view != "text" and not request.partial:
-        message = (
-            "players of this game see a part of the kitchen, and this program needs all of it; "
-            "language models play it, and programs that join with partial"
-        )
-        raise ProtocolError("seat/partial", message, "partial")

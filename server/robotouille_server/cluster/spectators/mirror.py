@@ -25,7 +25,8 @@ from robotouille_server.cluster.spectators.packets import (
     subject_of,
 )
 from robotouille_server.requests import AnswerLater, unheard
-from robotouille_server.rooms.membership import check_limited_sight, too_many_spectators
+from robotouille_server.rooms.membership import too_many_spectators
+from robotouille_server.rooms.participants.limited_sight import check_limited_sight
 from robotouille_server.rooms.participants.seat_limits import ChatLimits, DisplayNames, FirstNames
 from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.publishing.audience import Audience, SharedMessage
@@ -319,7 +320,7 @@ class Mirror:
         if self.bans(session.id, session.participant):
             raise ProtocolError("episode/banned", "you were removed from this episode", "episode")
         if self.limits_sight:
-            check_limited_sight(session, request)
+            check_limited_sight(session.role, request)
         if self.spectators_here >= max_spectators:
             raise too_many_spectators(max_spectators)
         session.view, session.known = request.view, set(request.known)

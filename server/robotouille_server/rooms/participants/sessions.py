@@ -17,6 +17,7 @@ from robotouille_server.auth import (
     check_scope,
 )
 from robotouille_server.auth.replaced_tokens import ALL
+from robotouille_server.rooms.participants.limited_sight import NOT_WATCHED, may_watch
 from robotouille_server.rooms.participants.session import (
     NO_LIMITS,
     JoinedRoom,
@@ -144,14 +145,14 @@ class Sessions:
             raise _expired("this connection cannot be resumed any more")
         if grant.generation < used:
             raise _expired("this token was used before and has been replaced")
-        role = self._role_today(grant, visitor, seated=bool(players))
+        role = self._current_role(grant, visitor, seated=bool(players))
         # Everything that `join` would check is checked again: bans, the scope and the limits may
         # have changed since the token was signed.
         if home is not None:
             self._check_place(session, grant, home, role)
         return role
 
-    def _role_today(self, grant: ResumeGrant, visitor: Visitor, *, seated: bool) -> Role:
+    def _current_role(self, grant: ResumeGrant, visitor: Visitor, *, seated: bool) -> Role:
         """Return the role of a returning session.
 
         `require_token` or a proxy may have been set up since its token was signed, and the client
@@ -178,8 +179,8 @@ class Sessions:
             if room.ended and not grant.anonymous and role.includes(Role.HOST):
                 raise _expired("the episode of this connection has ended")
         elif not session.players:
-            if role is Role.PLAYER and room.limits_sight:
-                raise _expired("players of this game see a part of the kitchen")
+            if room.limits_sight and not may_watch(role):
+                raise _expired(NOT_WATCHED)
             # A second connection that takes over a watching session does not add a spectator.
             if session.peer is None and room.spectators_here >= self.max_spectators:
                 raise _expired(f"the episode has {self.max_spectators} spectators already")
