@@ -167,7 +167,7 @@ def test_number_of_slots_can_be_chosen() -> None:
         assert twin == state
     for wrong, words in (
         ({"wine": 1}, "play cannot create objects of kind 'wine'"),
-        ({"water": 0}, "at least one slot"),
+        ({"water": 0}, "expected 1 or more"),
     ):
         with pytest.raises(RobotouilleError, match=words):
             _ = World("asynchronous/07", slots=wrong).encoding

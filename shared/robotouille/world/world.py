@@ -26,7 +26,6 @@ from robotouille.errors import (
     WrongArgumentError,
     WrongWorldError,
 )
-from robotouille.world.arrays.reachable import slot_counts
 from robotouille.world.ground_state import (
     GroundState,
     JointAction,
@@ -44,6 +43,7 @@ from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import Atom, atom_name
 from robotouille.world.grounding.successors import SuccessorTree
 from robotouille.world.shift import Orders, ShiftRules
+from robotouille.world.slot_counts import slot_counts
 from robotouille.world.text import (
     conditions_text,
     find_by_exact_sentence,

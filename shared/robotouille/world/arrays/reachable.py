@@ -7,7 +7,6 @@ reach, and is far smaller than all combinations of objects.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from operator import index
 from typing import NamedTuple
 
 from robotouille.domain.schema import Creation
@@ -17,6 +16,7 @@ from robotouille.world.grounding.atoms import EXISTS
 from robotouille.world.grounding.effects import Effect, EffectNode
 from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import Atom, Object, bound
+from robotouille.world.slot_counts import slot_counts
 
 Names = Mapping[str, str]
 """Slots whose object has another name, with the name of the object."""
@@ -106,24 +106,6 @@ class Slots:
             # A slot without an object must not show one that stands in another slot.
             found |= {slot: "" for slot in slots[len(there) :] if slot in there}
         return found
-
-
-def slot_counts(slots: Mapping[str, int] | None) -> tuple[tuple[str, int], ...]:
-    """Return the numbers of slots by kind, in order.
-
-    Raises:
-        WrongArgumentError: They are not numbers above 0 by kind.
-    """
-    try:
-        counts = tuple(sorted((str(kind), index(size)) for kind, size in (slots or {}).items()))
-    except (AttributeError, TypeError):
-        raise WrongArgumentError(
-            f"slots: expected a dictionary of integers by kind, found {slots!r}"
-        ) from None
-    for kind, size in counts:
-        if size < 1:
-            raise WrongArgumentError(f"slots: expected 1 or more for {kind!r}, found {size}")
-    return counts
 
 
 def _created_kinds(task: GroundTask) -> dict[str, int]:
