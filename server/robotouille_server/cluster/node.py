@@ -132,7 +132,9 @@ class ClusterNode:
         self._journals: set[ReplicatedJournal] = set()
         self._registering: dict[str, asyncio.Task[BusError | None]] = {}
         self._closing = Closing(bus, self.directory, parts.storage)
-        continuation = Continuation(self._adopted, parts.wall, self._now, parts.recovery_seconds)
+        continuation = Continuation(
+            self._adopted, parts.wall, self._now, parts.recovery_seconds, self._abandoned
+        )
         self.claims = Claims(bus, self.directory, self, self._closing, continuation)
         self._handing_over = HandingOver(self)
         self._tasks: set[asyncio.Task[Any]] = set()
@@ -502,6 +504,10 @@ class ClusterNode:
         for record in claimed:
             if record is not None and not self.claims.under_way(record.episode):
                 self._start(self.claims.claim(record))
+
+    def _abandoned(self, record: EpisodeRecord) -> bool:
+        """Return whether no other node has an episode."""
+        return record.node == self.name or self.members.lapsed(record.node)
 
     def _given_up(self) -> list[EpisodeRecord]:
         """Return the records of this node's episodes that it no longer plays.

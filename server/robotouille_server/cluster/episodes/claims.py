@@ -46,12 +46,14 @@ class Continuation:
         now: Returns the time of the rooms, which excludes the time in which the process was
             suspended.
         patience: The seconds for which an episode waits for its players.
+        abandoned: Returns whether no other node has an episode.
     """
 
     adopt: Callable[[ArchivedEpisode], object]
     wall: Callable[[], float]
     now: Callable[[], float]
     patience: float
+    abandoned: Callable[[EpisodeRecord], bool]
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,6 +181,8 @@ class Claims:
             if known is not None:
                 return await self._continue(record, offer, known)
         async with self._turns.replaying_long(size):
+            if offer is None and not self._continuation.abandoned(record):
+                return "its node has come back"
             return await self._continue(record, offer)
 
     async def _continue(
