@@ -140,7 +140,7 @@ async def test_file_that_is_too_large_is_not_read(tmp_path: Path) -> None:
                 refused = await bob.ask({**HELLO, "resume": token}, "welcome")
         assert refused["code"] == "auth/expired"
         assert [log["error"] for log in logs if log["event"] == "recording not read"] == [
-            "larger than 256 MiB, which no recording is"
+            "larger than 256 MiB, the maximum size"
         ]
 
 

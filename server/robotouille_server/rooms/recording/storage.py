@@ -62,7 +62,7 @@ class Storage(Protocol):
         """Return the names of all files, in order."""
 
     def read(self, name: str) -> bytes:
-        """Return the content of a file; raise RecordingError if no recording is that large."""
+        """Return the content of a file; raise RecordingError if it is larger than `MAX_FILE`."""
 
     def open(self, name: str) -> BinaryIO:
         """Open a file for reading in pieces."""
@@ -101,7 +101,7 @@ class Folder:
         with self.open(name) as file:
             size = os.fstat(file.fileno()).st_size
             if size > MAX_FILE:
-                raise RecordingError(f"larger than {MAX_FILE >> 20} MiB, which no recording is")
+                raise RecordingError(f"larger than {MAX_FILE >> 20} MiB, the maximum size")
             return file.read(size)
 
     def open(self, name: str) -> BinaryIO:
