@@ -6,7 +6,7 @@ state. The reader maps atoms by name, because client and server may number them 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, Generic, TypeVar
 from weakref import WeakKeyDictionary
@@ -20,7 +20,7 @@ from robotouille.world.timers import TimerRow
 from robotouille.world.unmet import Attempt, Unmet
 from robotouille.world.world import State, World
 
-RowT = TypeVar("RowT", str, int, tuple[Any, ...])
+RowT = TypeVar("RowT", bound=Hashable)
 Tables = dict[int, dict[str, Any]]
 _tables: WeakKeyDictionary[World, Tables] = WeakKeyDictionary()
 """Tables of each world in use, by size. All episodes of a world share them."""
@@ -80,11 +80,11 @@ def why_row(unmet: Unmet) -> dict[str, Any]:
     return row
 
 
-class Table(Generic[RowT]):
-    """Table of objects or atoms that changes extend.
+class GrowingTable(Generic[RowT]):
+    """Table of objects or atoms, which grows whenever a change creates objects.
 
     Attributes:
-        rows: The rows by position.
+        rows: The rows in order. Messages and recordings refer to them by position.
     """
 
     def __init__(self, rows: Iterable[RowT] = ()) -> None:
@@ -301,8 +301,8 @@ class StateReader:
     ) -> None:
         self.world = world
         self._predicates: list[str] = list(tables["predicates"])
-        self._objects = Table[str]()
-        self._atoms = Table[int]()
+        self._objects = GrowingTable[str]()
+        self._atoms = GrowingTable[int]()
         self._facts = 0
         self._timers: dict[str, TimerRow] = {}
         self._busy: dict[str, int] = {}

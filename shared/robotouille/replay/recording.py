@@ -13,7 +13,7 @@ from typing import Any
 from robotouille.domain.task import Task
 from robotouille.errors import RecordingError, RobotouilleError, UnknownNameError, WrongWorldError
 from robotouille.files.reading import open_regular
-from robotouille.protocol.states import StateReader, StateWriter, Table
+from robotouille.protocol.states import GrowingTable, StateReader, StateWriter
 from robotouille.replay.compression import is_closed, plain
 from robotouille.replay.conduct import Conduct, wrong_outcome
 from robotouille.replay.container import (
@@ -327,9 +327,10 @@ class Recording:
         # The names come from the file, because a later version may number the world's atoms
         # differently.
         tables = self.header["tables"]
-        names = Table(row[0] for row in tables["objects"])
-        rows = Table(map(tuple, tables["atoms"]))
-        atoms = [_name(row, tables["predicates"], names.rows) for row in rows.rows]
+        predicates = tables["predicates"]
+        objects = GrowingTable[str](row[0] for row in tables["objects"])
+        atoms = GrowingTable[tuple[int, ...]](map(tuple, tables["atoms"]))
+        names = [_name(atom, predicates, objects.rows) for atom in atoms.rows]
         facts: set[int] = set()
         for frame in self.each_frame():
             if frame["kind"] == "state":
@@ -337,13 +338,13 @@ class Recording:
                 if frame["step"] > 0:
                     continue
             elif frame["kind"] == "step":
-                names.extend(row[0] for row in frame.get("objects", ()))
-                created = rows.extend(map(tuple, frame.get("atoms", ())))
-                atoms += [_name(row, tables["predicates"], names.rows) for row in created]
+                objects.extend(row[0] for row in frame.get("objects", ()))
+                created = atoms.extend(map(tuple, frame.get("atoms", ())))
+                names += [_name(atom, predicates, objects.rows) for atom in created]
                 facts = (facts | set(frame.get("add", ()))) - set(frame.get("remove", ()))
             else:
                 continue
-            yield frame["step"], frozenset(atoms[i] for i in facts if atoms[i])
+            yield frame["step"], frozenset(names[i] for i in facts if names[i])
 
     def verify(self) -> Verification:
         """Re-simulate, compare all facts, timers, hashes and bytes, and check the rules of play."""

@@ -13,7 +13,7 @@ import msgpack
 
 from robotouille.domain.task import Task
 from robotouille.errors import RecordingError
-from robotouille.protocol.states import StateReader, Table
+from robotouille.protocol.states import GrowingTable, StateReader
 from robotouille.replay.container import frame_value
 from robotouille.world.world import State, World
 from robotouille_client.sansio.state_bytes import state_bytes
@@ -77,8 +77,8 @@ class RecordedStates:
         self._world = world
         self._stream = stream
         self._predicates = tables["predicates"]
-        self._objects = Table[tuple[str, ...]](map(tuple, tables["objects"]))
-        self._atoms = Table[tuple[int, ...]](map(tuple, tables["atoms"]))
+        self._objects = GrowingTable[tuple[str, ...]](map(tuple, tables["objects"]))
+        self._atoms = GrowingTable[tuple[int, ...]](map(tuple, tables["atoms"]))
         self._positions = array("q")
         self._key_steps = array("q")
         self._keys: list[tuple[int, int, int]] = []
