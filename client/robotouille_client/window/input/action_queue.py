@@ -86,7 +86,7 @@ class Sent:
 
     Attributes:
         time: When it was sent, or when its result was known.
-        handled: What it takes up or puts down; nothing if it is work such as cutting.
+        handled: Things that it takes up or puts down; none if it is work such as cutting.
     """
 
     action: GroundAction

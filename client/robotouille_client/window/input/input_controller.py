@@ -39,7 +39,7 @@ PART_OF_DISH = "this is part of a dish; press again to take it off"
 
 
 class _Presses(NamedTuple):
-    """What came before a press of the use key.
+    """Events before a press of the use key.
 
     Attributes:
         repeats: True if another press came a moment before.

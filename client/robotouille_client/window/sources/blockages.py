@@ -1,4 +1,4 @@
-"""Players who wait for each other: who needs a place or an action of whom."""
+"""Players who wait for each other, and for which place or action."""
 
 from __future__ import annotations
 
