@@ -17,13 +17,8 @@ happens, and in each of its three steps the player deals with this item only.
 
 from __future__ import annotations
 
-from robotouille.planning.kitchen.bound.scratch import (
-    DEAD_END,
-    Scratch,
-    return_walk,
-    walk_before_put,
-    walk_to,
-)
+from robotouille.planning.kitchen.bound.delays import least_left, return_walk
+from robotouille.planning.kitchen.bound.scratch import DEAD_END, Scratch, walk_before_put, walk_to
 from robotouille.planning.kitchen.compact_state import NONE, POT, CompactState, GoalSpec, Kitchen
 from robotouille.planning.kitchen.kernels import kernel
 from robotouille.planning.kitchen.transitions import is_done, place_of_object
@@ -183,8 +178,9 @@ def add_work_here(
         scratch.chain[o] += left
         return 0
     # Another station at which the delay was interrupted may be quicker.
-    elsewhere = 3 + least_left(kitchen, state, q, o, station)
-    count = state.counters[kitchen.process_timer[q][o][station]]
+    counters = kitchen.process_timer[q][o]
+    elsewhere = 3 + least_left(state, counters, total, kitchen.stations, station)
+    count = state.counters[counters[station]]
     if count > 0:
         scratch.chain[o] += min(total + 1 - count, elsewhere)
         return 0
@@ -195,31 +191,20 @@ def add_work_here(
 
 
 @kernel
-def least_left(kitchen: Kitchen, state: CompactState, q: int, o: int, without: int) -> int:
-    """Return the least rest of a begun delay without that at one station, or its total."""
-    left = kitchen.total[q][o]
-    for station in range(kitchen.stations):
-        counter = kitchen.process_timer[q][o][station]
-        if station != without and counter != NONE and state.counters[counter] > 0:
-            left = min(left, kitchen.total[q][o] - state.counters[counter])
-    return left
-
-
-@kernel
 def add_work_elsewhere(
     kitchen: Kitchen, state: CompactState, q: int, o: int, scratch: Scratch
 ) -> int:
     """Note the work of a process at another station. Return 1 if a player has to return."""
-    left = kitchen.total[q][o]
+    total = kitchen.total[q][o]
     if not kitchen.timed[q]:
-        left -= state.counters[kitchen.progress[q][o]]
+        left = total - state.counters[kitchen.progress[q][o]]
         scratch.work[o] += left
         scratch.chain[o] += left
         return 0
     # An interrupted delay continues in the step in which the item is put back. The bound uses the
     # station with the least time left.
-    left = least_left(kitchen, state, q, o, NONE)
-    start = 0 if left < kitchen.total[q][o] else 1
+    left = least_left(state, kitchen.process_timer[q][o], total, kitchen.stations, NONE)
+    start = 0 if left < total else 1
     scratch.work[o] += start
     scratch.chain[o] += left
     return 1 if left > start else 0

@@ -6,14 +6,11 @@ in its bowl while that pot stands on that stove, also with other water in it.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from robotouille.planning.kitchen.applicable import is_empty
-from robotouille.planning.kitchen.bound.scratch import (
-    DEAD_END,
-    Scratch,
-    return_walk,
-    walk_before_put,
-    walk_to,
-)
+from robotouille.planning.kitchen.bound.delays import least_left, return_walk
+from robotouille.planning.kitchen.bound.scratch import DEAD_END, Scratch, walk_before_put, walk_to
 from robotouille.planning.kitchen.compact_state import (
     BOWL,
     NONE,
@@ -24,40 +21,110 @@ from robotouille.planning.kitchen.compact_state import (
 from robotouille.planning.kitchen.kernels import kernel
 from robotouille.planning.kitchen.transitions import place_of_object
 
+TRANSPORT = 3
+"""Work to bring a pot elsewhere: pick up, walk and put down. The last step may also be pouring."""
+
+
+class Pot(NamedTuple):
+    """A pot that may serve for a meal."""
+
+    number: int
+    walk: int
+    """Steps to walk to the pot."""
+    transport: int
+    """Steps until the pot is at another station or its meal is poured. They contain `walk`."""
+
+
+class Stage(NamedTuple):
+    """Steps of filling or heating."""
+
+    work: int
+    """Steps of players."""
+    chain: int
+    """All steps, with the delay."""
+    back: int
+    """Steps in which a player walks back to the pot afterwards, or waits there for the end."""
+
+
+class Route(NamedTuple):
+    """Steps of a meal until it is in its vessel."""
+
+    work: int
+    """Steps of players."""
+    chain: int
+    """All steps, with delays."""
+    water_walks: int
+    """Walks to the pot while it contains water."""
+
 
 @kernel
 def route(
-    kitchen: Kitchen, goal: GoalSpec, state: CompactState, m: int, pot: int, scratch: Scratch
-) -> tuple[int, int, int]:
-    """Return the work and chain of a meal in a pot, and the walks to the pot while it has water."""
-    under = state.below[pot]
-    is_held = under >= kitchen.hand_code
-    walk = 0 if is_held else walk_to(kitchen, state, pot, scratch)
-    first = 1 + walk_with_pot(kitchen, goal, state, m, pot) if is_held else 3 + walk
-    is_dry = state.inside[m] == 0
-    work, chain, back = 0, 0, walk
-    if is_dry:
-        work, chain, back = filling(kitchen, state, pot, walk, first, scratch)
+    kitchen: Kitchen, goal: GoalSpec, state: CompactState, m: int, number: int, scratch: Scratch
+) -> Route:
+    """Return the steps of a meal that is in a pot or has to be made in it."""
+    pot = access(kitchen, goal, state, m, number, scratch)
+    if state.inside[m] == 0:
+        found = route_of_new_meal(kitchen, goal, state, m, pot, scratch)
+    else:
+        found = route_of_meal(kitchen, goal, state, m, pot, scratch)
+    if goal.vessel[m] == NONE:
+        return found
+    later = adding_steps(kitchen, goal, state, m, pot)
+    return Route(found.work, found.chain + later, found.water_walks)
+
+
+@kernel
+def access(
+    kitchen: Kitchen, goal: GoalSpec, state: CompactState, m: int, number: int, scratch: Scratch
+) -> Pot:
+    """Return the pot with a number, and the steps to reach and move it for a meal."""
+    if state.below[number] >= kitchen.hand_code:
+        return Pot(number, 0, 1 + walk_with_pot(kitchen, goal, state, m, number))
+    walk = walk_to(kitchen, state, number, scratch)
+    return Pot(number, walk, walk + TRANSPORT)
+
+
+@kernel
+def route_of_new_meal(
+    kitchen: Kitchen, goal: GoalSpec, state: CompactState, m: int, pot: Pot, scratch: Scratch
+) -> Route:
+    """Return the steps of a meal that has to be made in a pot."""
+    filled = filling(kitchen, state, pot, scratch)
+    work, chain, back = filled.work, filled.chain, filled.back
     water_walks = 0
-    boils = goal.boiling[m] and not state.boiled[m]
-    pours = goal.vessel[m] != NONE
-    if boils:
-        water_walks = back
-        more, later, back = heating(kitchen, goal, state, m, pot, first, back, scratch)
-        if more == 0:
-            water_walks = 0
-        work += more
-        chain += later
-    if pours and is_held and not is_dry and not boils:
-        work += first
-        chain += first
-    elif pours:
-        work += back + 3
+    if goal.boiling[m]:
+        # The last step of work begins the boiling.
+        work += back + TRANSPORT + 1
+        chain += TRANSPORT + kitchen.boil_total
         water_walks += back
-        chain += 3 if is_dry or boils else 3 + back
-    if pours:
-        chain += adding_steps(kitchen, goal, state, m, pot, walk)
-    return work, chain, water_walks
+        back = 1 if kitchen.boil_total > 1 else 0
+    if goal.vessel[m] != NONE:
+        work += back + TRANSPORT
+        chain += TRANSPORT
+        water_walks += back
+    return Route(work, chain, water_walks)
+
+
+@kernel
+def route_of_meal(
+    kitchen: Kitchen, goal: GoalSpec, state: CompactState, m: int, pot: Pot, scratch: Scratch
+) -> Route:
+    """Return the steps of a meal that is in a pot."""
+    pours = goal.vessel[m] != NONE
+    if not still_boils(goal, state, m):
+        return Route(pot.transport, pot.transport, pot.walk) if pours else Route(0, 0, 0)
+    heated = heating(kitchen, goal, state, m, pot, scratch)
+    water_walks = pot.walk if heated.work > 0 else 0
+    if not pours:
+        return Route(heated.work, heated.chain, water_walks)
+    work = heated.work + heated.back + TRANSPORT
+    return Route(work, heated.chain + TRANSPORT, water_walks + heated.back)
+
+
+@kernel
+def still_boils(goal: GoalSpec, state: CompactState, m: int) -> bool:
+    """Return whether a meal of the goal still has to boil."""
+    return goal.boiling[m] == 1 and not state.boiled[m]
 
 
 @kernel
@@ -73,7 +140,7 @@ def walk_with_pot(kitchen: Kitchen, goal: GoalSpec, state: CompactState, m: int,
     if state.inside[m] == 0:
         # A pot with another meal may be poured first.
         return 1 if is_empty(kitchen, state, pot) and only != kitchen.sink_class else 0
-    if goal.boiling[m] and not state.boiled[m]:
+    if still_boils(goal, state, m):
         # Water that was heated may boil on in the bowl.
         for i in range(kitchen.stations):
             counter = kitchen.boil_timer[m][pot][i]
@@ -88,9 +155,7 @@ def walk_with_pot(kitchen: Kitchen, goal: GoalSpec, state: CompactState, m: int,
 
 
 @kernel
-def adding_steps(
-    kitchen: Kitchen, goal: GoalSpec, state: CompactState, m: int, pot: int, walk: int
-) -> int:
+def adding_steps(kitchen: Kitchen, goal: GoalSpec, state: CompactState, m: int, pot: Pot) -> int:
     """Return how much longer a meal's chain becomes because items have to be added before pouring.
 
     In a step in which a player adds something, nobody else deals with the pot.
@@ -100,12 +165,12 @@ def adding_steps(
         if goal.added_to[o] == m and state.below[o] < kitchen.meal_code:
             adding += 1
     # The player who adds an item need not walk to the pot.
-    meanwhile = walk if state.inside[m] > 0 else 0
+    meanwhile = pot.walk if state.inside[m] > 0 else 0
     # While the water boils, an item can be added in every second step.
-    if goal.boiling[m] and not state.boiled[m]:
+    if still_boils(goal, state, m):
         delay = kitchen.boil_total - 2
         for station in range(kitchen.stations):
-            counter = kitchen.boil_timer[m][pot][station]
+            counter = kitchen.boil_timer[m][pot.number][station]
             if counter != NONE and state.counters[counter] > 0:
                 delay = max(delay, kitchen.boil_total + 1 - state.counters[counter])
         meanwhile += (delay + 1) // 2
@@ -113,34 +178,26 @@ def adding_steps(
 
 
 @kernel
-def filling(
-    kitchen: Kitchen, state: CompactState, pot: int, walk: int, first: int, scratch: Scratch
-) -> tuple[int, int, int]:
-    """Return work and chain until a pot contains water, and whether a player has to come back.
-
-    `walk` is the walk to the pot; `first` is the work to bring it to another station.
-    """
-    station = station_of(kitchen, state, pot)
-    left = kitchen.fill_total
-    start = 1
-    for i in range(kitchen.stations):
-        counter = kitchen.fill_timer[pot][i]
-        if i != station and counter != NONE and state.counters[counter] > 0:
-            start = 0
-            left = min(left, kitchen.fill_total - state.counters[counter])
+def filling(kitchen: Kitchen, state: CompactState, pot: Pot, scratch: Scratch) -> Stage:
+    """Return the steps until a pot contains water."""
+    station = station_of(kitchen, state, pot.number)
+    counters, total = kitchen.fill_timer[pot.number], kitchen.fill_total
+    left = least_left(state, counters, total, kitchen.stations, station)
     if station != NONE and kitchen.station_class[station] == kitchen.sink_class:
         # Another sink at which the filling was interrupted may be quicker.
-        elsewhere = first + left
-        count = state.counters[kitchen.fill_timer[pot][station]]
+        elsewhere = pot.transport + left
+        count = state.counters[counters[station]]
         if count > 0:
-            rest = kitchen.fill_total + 1 - count
-            return 0, min(rest, elsewhere), return_walk(rest, walk, scratch)
-        soonest = min(walk + kitchen.fill_total, elsewhere)
-        return walk + 1, soonest, 1 if kitchen.fill_total > 1 else 0
-    # A pot with another meal is poured and carried to the sink: two steps more.
-    soonest = first if start == 0 or is_empty(kitchen, state, pot) else first + 2
+            rest = total + 1 - count
+            return Stage(0, min(rest, elsewhere), return_walk(rest, pot.walk, scratch))
+        return Stage(pot.walk + 1, min(pot.walk + total, elsewhere), 1 if total > 1 else 0)
+    start = 0 if left < total else 1
+    soonest = pot.transport
+    if start == 1 and not is_empty(kitchen, state, pot.number):
+        # The other meal is poured, then the pot is carried to the sink: two steps more.
+        soonest += 2
     soonest = max(soonest, steps_until_sink(kitchen, state))
-    return first + start, soonest + left, 1 if left > start else 0
+    return Stage(pot.transport + start, soonest + left, 1 if left > start else 0)
 
 
 @kernel
@@ -164,48 +221,36 @@ def steps_until_sink(kitchen: Kitchen, state: CompactState) -> int:
 
 @kernel
 def heating(
-    kitchen: Kitchen,
-    goal: GoalSpec,
-    state: CompactState,
-    m: int,
-    pot: int,
-    first: int,
-    back: int,
-    scratch: Scratch,
-) -> tuple[int, int, int]:
-    """Return work and chain until a meal boils, and whether a player has to come back.
-
-    `back` is the walk to the pot once it contains water; `first` is the work to bring it elsewhere.
-    """
-    if state.inside[m] == 0:
-        return back + 4, 3 + kitchen.boil_total, 1 if kitchen.boil_total > 1 else 0
-    station = station_of(kitchen, state, pot)
-    left = kitchen.boil_total
-    start = 1
-    for i in range(kitchen.stations):
-        counter = kitchen.boil_timer[m][pot][i]
-        if i != station and counter != NONE and state.counters[counter] > 0:
-            start = 0
-            left = min(left, kitchen.boil_total - state.counters[counter])
+    kitchen: Kitchen, goal: GoalSpec, state: CompactState, m: int, pot: Pot, scratch: Scratch
+) -> Stage:
+    """Return the steps until a meal boils that is in a pot."""
+    station = station_of(kitchen, state, pot.number)
+    counters, total = kitchen.boil_timer[m][pot.number], kitchen.boil_total
+    left = least_left(state, counters, total, kitchen.stations, station)
+    start = 0 if left < total else 1
     # After an interruption it is one step less to pour first and then put the pot back on the
     # stove: the water boils in the bowl.
     pours_first = start == 0 and goal.vessel[m] != NONE
-    elsewhere = first + left - (1 if pours_first else 0)
-    stays = is_on_stove(kitchen, state, pot)
-    work, returns = first + start, 1 if left > start or stays else 0
-    if pours_first and returns_anyway(kitchen, goal, state):
-        work, returns = first - 3, 0
-    elif pours_first:
-        work -= 1 + returns
-    if not stays:
-        return work, elsewhere, returns
-    count = state.counters[kitchen.boil_timer[m][pot][station]]
-    if count > 0:
-        rest = kitchen.boil_total + 1 - count
-        return 0, min(rest, elsewhere), return_walk(rest, back, scratch)
+    soonest = pot.transport + left - (1 if pours_first else 0)
+    back = 1 if left > start else 0
+    if station != NONE and kitchen.station_class[station] == kitchen.stove_class:
+        count = state.counters[counters[station]]
+        if count > 0:
+            rest = total + 1 - count
+            return Stage(0, min(rest, soonest), return_walk(rest, pot.walk, scratch))
+        soonest = min(soonest, pot.walk + total)
+        if not pours_first:
+            return Stage(pot.walk + 1, soonest, 1 if total > 1 else 0)
+        back = 1
     if not pours_first:
-        work, returns = back + 1, 1 if kitchen.boil_total > 1 else 0
-    return work, min(back + kitchen.boil_total, elsewhere), returns
+        return Stage(pot.transport + start, soonest, back)
+    # The meal is poured at the end of the pot's transport. The caller adds `back` and a transport
+    # for pouring after every heating, so both are subtracted here.
+    if returns_anyway(kitchen, goal, state):
+        # The way back to a stove counts with the next meal.
+        return Stage(pot.transport - TRANSPORT, soonest, 0)
+    # A player walks on to the stove and puts the pot there: two steps.
+    return Stage(pot.transport + 2 - (back + TRANSPORT), soonest, back)
 
 
 @kernel
@@ -222,10 +267,3 @@ def station_of(kitchen: Kitchen, state: CompactState, o: int) -> int:
     """Return the station with a purpose on which an object stands, or NONE."""
     station = state.below[o] - kitchen.objects
     return station if 0 <= station < kitchen.stations else NONE
-
-
-@kernel
-def is_on_stove(kitchen: Kitchen, state: CompactState, pot: int) -> bool:
-    """Return whether a pot stands on a stove."""
-    station = station_of(kitchen, state, pot)
-    return station != NONE and kitchen.station_class[station] == kitchen.stove_class

@@ -128,16 +128,6 @@ def walk_to(kitchen: Kitchen, state: CompactState, o: int, scratch: Scratch) -> 
 
 
 @kernel
-def return_walk(rest: int, walk: int, scratch: Scratch) -> int:
-    """Return the steps in which a player walks back to a delay with a rest, or waits for its end.
-
-    `walk` is the walk there.
-    """
-    # The delay may end with this step, and the player who put the object there has acted in it.
-    return walk if rest == 1 and scratch.turns > 0 else 1
-
-
-@kernel
 def walk_before_put(kitchen: Kitchen, state: CompactState) -> int:
     """Return 1 if the held object has to be carried elsewhere before it is put down, else 0."""
     # A single player puts nothing back where it was picked up (`applicable.is_of_use`).

@@ -11,9 +11,8 @@ counts steps about pots. Two cases are subtracted again:
 * A player who adds an item to the meal stands at the pot afterwards and need not walk back. So
   walks to a pot with water (`Scratch.water_walks`) are subtracted once for each item that may have
   been added (`Scratch.maybe_added`).
-* One pot may serve several meals. The first meal counts with the cheapest pot. A meal that still
-  has to be made counts 3 steps less if another one was counted: the pot may still be in hand after
-  it was poured, and nobody has to wait for a meal that can boil on in its bowl.
+* One pot may serve several meals. The first meal counts with the cheapest pot. Each further meal
+  counts `SAVED_IN_TURN` steps less, and still less if the pot may contain two meals.
 
 A pot that is brought to a stove serves all meals that were heated in it there, also those that were
 poured too soon. So the work to bring it back counts once, and not at all if the pot is brought to a
@@ -23,7 +22,7 @@ stove for the next meal.
 from __future__ import annotations
 
 from robotouille.planning.kitchen.applicable import is_empty
-from robotouille.planning.kitchen.bound.meal_route import route
+from robotouille.planning.kitchen.bound.meal_route import TRANSPORT, route, still_boils
 from robotouille.planning.kitchen.bound.scratch import DEAD_END, Scratch, walk_before_put, walk_to
 from robotouille.planning.kitchen.compact_state import (
     FILLING,
@@ -34,6 +33,13 @@ from robotouille.planning.kitchen.compact_state import (
     Kitchen,
 )
 from robotouille.planning.kitchen.kernels import kernel
+
+SAVED_IN_TURN = 3
+"""Steps that a further meal of a pot may save.
+
+The pot may still be in hand after pouring, so nobody walks to it and picks it up. And nobody has to
+wait for a meal that can boil on in its bowl.
+"""
 
 
 @kernel
@@ -135,7 +141,7 @@ def add_meal_in_vessel(
     for o in range(kitchen.items):
         if goal.added_to[o] == m and state.below[o] != kitchen.meal_code + m:
             return False
-    if not boils_on(goal, state, m):
+    if not still_boils(goal, state, m):
         return True
     soonest = DEAD_END
     for pot in range(kitchen.items, kitchen.objects):
@@ -151,21 +157,18 @@ def add_meal_in_vessel(
 
 
 @kernel
-def boils_on(goal: GoalSpec, state: CompactState, m: int) -> bool:
-    """Return whether a meal of the goal still has to boil."""
-    return goal.boiling[m] == 1 and not state.boiled[m]
-
-
-@kernel
 def work_to_put_back(
     kitchen: Kitchen, state: CompactState, pot: int, station: int, scratch: Scratch
 ) -> int:
-    """Return the work to bring a pot to a stove, without the walk with it that may be over."""
+    """Return the least work to bring a pot to a stove.
+
+    A player of a team who holds the pot may stand at the stove already.
+    """
     if state.below[pot] == kitchen.objects + station:
         return 0
     if state.below[pot] >= kitchen.hand_code:
         return 1 + walk_before_put(kitchen, state)
-    return 3 + walk_to(kitchen, state, pot, scratch)
+    return TRANSPORT + walk_to(kitchen, state, pot, scratch)
 
 
 @kernel
@@ -177,7 +180,7 @@ def add_return_of_pot(
     for m in range(kitchen.meals):
         container = state.inside[m] - 1
         is_poured = container >= 0 and kitchen.container_kind[container] != POT
-        if not goal.wanted_meal[m] or not is_poured or not boils_on(goal, state, m):
+        if not goal.wanted_meal[m] or not is_poured or not still_boils(goal, state, m):
             continue
         least = DEAD_END
         for station in range(kitchen.stations):
@@ -194,7 +197,7 @@ def add_return_of_pot(
         if goal.wanted_meal[m] and state.inside[m] in (0, pot + 1):
             # The order of the pot's deliveries is open.
             scratch.pots_open = 1
-            if boils_on(goal, state, m):
+            if still_boils(goal, state, m):
                 # The work on this meal may contain the way to that stove.
                 return
             # After that meal was poured, the pot only has to be carried to the stove.
@@ -252,7 +255,9 @@ def add_cooking(
     scratch.meal_chain = max(scratch.meal_chain, soonest)
     scratch.water_walks += walks
     if not shares_pot(goal, state, m):
-        saved = 0 if cooked == 0 else 3 + saved_by_filling_twice(kitchen, state)
+        saved = 0
+        if cooked > 0:
+            saved = SAVED_IN_TURN + saved_by_filling_twice(kitchen, state)
         scratch.work[chosen] += max(0, least - saved)
     if candidates == 1 and least > 0 and not scratch.pots_open:
         add_pot_deliveries(kitchen, goal, state, m, chosen, scratch)
@@ -270,10 +275,13 @@ def add_cooking(
 @kernel
 def saved_by_filling_twice(kitchen: Kitchen, state: CompactState) -> int:
     """Return the steps that a meal may save because its pot contains two meals."""
+    # One transport to the stove serves both meals.
     if may_fill_twice(kitchen, state):
-        return 3
-    # The first filling would still have to be interrupted.
-    return 1 if sinks(kitchen) > 1 and kitchen.fill_total > 1 else 0
+        return TRANSPORT
+    # To interrupt the first filling, a player first carries the pot to the other sink. The walk
+    # and putting it down take two of these steps.
+    can_interrupt = sinks(kitchen) > 1 and kitchen.fill_total > 1
+    return TRANSPORT - 2 if can_interrupt else 0
 
 
 @kernel
