@@ -128,6 +128,14 @@ def test_repeated_objects_and_atoms_do_not_extend_the_tables(table: str) -> None
         reader.apply({"add": [len(tables["atoms"])]})
 
 
+def test_unknown_objects_do_not_fill_the_memory() -> None:
+    state = World("synchronous/01").initial
+    writer = StateWriter(state.world)
+    reader = StateReader(state.world, writer.tables(state), writer.values(state))
+    with pytest.raises(ProtocolError, match="more objects than the world has"):
+        reader.apply({"objects": [[f"ghost{i}", "ghost", "item"] for i in range(1000)]})
+
+
 def test_objects_that_vanish_and_are_created_again_are_read() -> None:
     world = World("multi_agent/10@2")
     plan = read_plan("\n".join(load_certificate("multi_agent/10@2").plan or ()), world)

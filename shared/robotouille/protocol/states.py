@@ -347,6 +347,9 @@ class StateReader:
         # The client's world may have played less than the server's and may not know these objects
         # yet.
         self.world.admit(self._objects.extend([row[0] for row in objects]))
+        # A hostile server could send new names, which belong to no world, in every delta.
+        if len(self._objects.rows) > len(self.world.all_objects()):
+            raise ValueError("more objects than the world has")
         names, bit = self._objects.rows, self.world.table.bit
         special = {-1: "~exists", -2: "~used"}
         found = []
