@@ -94,8 +94,8 @@ class ShareRow(Row):
 
 # Seconds until the points have been counted, between two stars, and of a star's stamp.
 _COUNTED, _BETWEEN, _STAMPED = 0.9, 0.4, 0.22
-# Size of a star when its stamp begins, as a multiple.
-_STAMP = 2.4
+# Size of a star when its stamp begins, as a multiple. The row, of two lines, has just room for it.
+_STAMP = 4 / 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,13 +139,13 @@ class StarsRow(Row):
             y, age = y + 2 * line, age - _COUNTED
         side = line * 3 // 2
         for number in range(3):
-            middle = area.x + side // 2 + number * (side + side // 4), y + side // 2
+            middle = area.x + line + number * (side + side // 4), y + line
             pygame.draw.polygon(target, TRACK, star_points(middle, side / 2))
             began = age - (number + 1) * _BETWEEN
             if number < self.stars and began > 0:
                 size = 1 + (_STAMP - 1) * max(0.0, 1 - began / _STAMPED)
                 pygame.draw.polygon(target, ACCENT, star_points(middle, size * side / 2))
-        y += line * 2 - context.size // 3
+        y += line * 2
         for words in context.text.wrap(self.label, context.size, area.width):
             target.blit(context.text.line(words, context.size, TEXT), (area.x, y))
             y += line
